@@ -1,0 +1,1 @@
+"""GTSAM custom factors of gtlayout."""

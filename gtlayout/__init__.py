@@ -1,0 +1,3 @@
+"""gtlayout: posed video and 2D annotations → the room's structural planes with calibrated uncertainty."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,107 @@
+"""The result: instances, planes with uncertainty, extents, mesh. Plain data, shared by stages 2 to 7."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import MultiPolygon
+
+from gtlayout.scene import FloatArray, IntArray, Label
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One physical element: the annotated elements of all key frames that show it."""
+
+    name: str
+    """``wall_0``, ``floor_0`` …: label and a running number, unique in the layout."""
+    label: Label
+    members: tuple[tuple[int, int], ...]
+    """(key frame index, element index) pairs, at most one per key frame."""
+    host: int | None = None
+    """For doors and windows: index of the instance whose plane they lie in; None when they have none."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """``normal · X + d = 0`` in the world, normal turned towards the cameras."""
+
+    normal: FloatArray
+    """(3,) unit normal."""
+    d: float
+    covariance: FloatArray
+    """(4, 4) covariance of (normal, d) in the world frame; rank 3."""
+    observable: bool
+    """False when nothing but priors determines the plane: its numbers then mean nothing."""
+    note: str = ""
+    """Why the plane is weak, in words; empty when it is not."""
+    tracks: int = 0
+    """Point tracks that support the plane."""
+
+    @property
+    def sigma_normal_deg(self) -> float:
+        """σ of the normal's direction, degrees: the larger of its two principal axes."""
+        return float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])))
+
+    def sigma_depth(self, point_world: FloatArray, ray_world: FloatArray) -> float:
+        """σ of the depth at which the plane is hit by a ray through ``point_world`` (on the plane).
+
+        ``ray_world`` (3,) has z = 1 in the camera, so the result is a depth along the camera's z, world unit.
+        """
+        gradient = np.append(point_world, 1.0)
+        return float(np.sqrt(gradient @ self.covariance @ gradient)) / abs(float(self.normal @ ray_world))
+
+
+@dataclass(frozen=True)
+class PlaneFrame:
+    """A right-handed 2D frame on a plane: ``X = origin + u e_u + v e_v``, ``e_u × e_v = normal``."""
+
+    origin: FloatArray
+    """(3,) a point on the plane."""
+    axes: FloatArray
+    """(2, 3) unit vectors e_u and e_v."""
+
+    def to_world(self, points_uv: FloatArray) -> FloatArray:
+        """(N, 2) → (N, 3)."""
+        return self.origin + points_uv @ self.axes
+
+    def to_plane(self, points_world: FloatArray) -> FloatArray:
+        """(N, 3) → (N, 2): orthogonal projection."""
+        return (points_world - self.origin) @ self.axes.T
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The finite part of a plane that an element covers."""
+
+    frame: PlaneFrame
+    region: MultiPolygon
+    """In ``frame``'s coordinates, world unit; may be empty."""
+    unrefined: MultiPolygon
+    """The same before refinement (the plain union of the unprojected polygons)."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Labelled triangles. Vertices are shared along contact edges."""
+
+    vertices: FloatArray
+    """(V, 3) world."""
+    faces: IntArray
+    """(F, 3) indices, counter-clockwise seen from the cameras."""
+    face_instance: IntArray
+    """(F,) index of the instance each triangle belongs to."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A solved room. ``instances``, ``planes`` and ``extents`` run in parallel."""
+
+    instances: tuple[Instance, ...]
+    planes: tuple[Plane, ...]
+    """A door or window repeats its host's plane."""
+    extents: tuple[Extent, ...]
+    """Empty regions for unobservable planes."""
+    mesh: Mesh
+    metric: bool

@@ -1,0 +1,118 @@
+"""The plain data every stage takes: cameras, frames, key frames, annotated elements.
+
+Conventions (everything is converted to these at the door, in ``gtlayout.io``):
+
+* camera axes are OpenCV's (x right, y down, z forward); poses are ``cam_from_world``: ``X_cam = R X_world + t``;
+* pixel (0, 0) is the top-left *corner* of the top-left pixel, so pixel centres lie at +0.5;
+* cameras are pinhole: distortion is removed by the readers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+from shapely import MultiPolygon
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ImageArray = npt.NDArray[np.uint8]
+
+Label = Literal["floor", "ceiling", "wall", "slanted", "door", "window"]
+LABELS: tuple[Label, ...] = get_args(Label)
+OPENINGS: frozenset[Label] = frozenset({"door", "window"})
+"""Labels that lie in a host element (a wall, usually) instead of bounding the room themselves."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with its pose."""
+
+    K: FloatArray
+    """(3, 3) intrinsics, px."""
+    R_cam_from_world: FloatArray
+    """(3, 3) rotation."""
+    t_cam_from_world: FloatArray
+    """(3,) translation, world unit."""
+    width: int
+    height: int
+
+    @property
+    def center_world(self) -> FloatArray:
+        """(3,) camera centre in the world."""
+        return -self.R_cam_from_world.T @ self.t_cam_from_world
+
+    def project(self, points_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Project (N, 3) world points. Returns (N, 2) pixels and (N,) depths (z in the camera)."""
+        points_cam = points_world @ self.R_cam_from_world.T + self.t_cam_from_world
+        homogeneous = points_cam @ self.K.T
+        depth = points_cam[:, 2]
+        return homogeneous[:, :2] / homogeneous[:, 2:], depth
+
+    def rays_world(self, points_px: FloatArray) -> FloatArray:
+        """(N, 3) world directions through (N, 2) pixels, scaled so that their z in the camera is 1.
+
+        The world point at depth z is therefore ``center_world + z * ray``.
+        """
+        homogeneous = np.column_stack([points_px, np.ones(len(points_px))])
+        return homogeneous @ (np.linalg.inv(self.K).T @ self.R_cam_from_world)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One video frame with a known camera."""
+
+    name: str
+    """The image's file name as the annotations call it."""
+    image_path: Path
+    camera: Camera
+    undistort: Callable[[ImageArray], ImageArray] | None = None
+    """Resamples the image file (or its depth map) to ``camera``; None when the file is pinhole already."""
+    depth_path: Path | None = None
+    """Depth along z in uint16 millimetres, 0 = none; None when the scene has no depth for this frame."""
+
+
+@dataclass(frozen=True)
+class Element:
+    """One structural element as drawn in one key frame."""
+
+    id: str
+    """The annotator's id: unique within its key frame, meaningless across frames."""
+    label: Label
+    amodal: MultiPolygon
+    """Its whole extent within the image, drawn through furniture, px."""
+    visible: MultiPolygon
+    """Rough, textured parts that are really seen, px; may be empty."""
+
+
+@dataclass(frozen=True)
+class KeyFrame:
+    """The annotation of one frame."""
+
+    frame: int
+    """Index into ``Scene.frames``."""
+    elements: tuple[Element, ...]
+    occlusion_edges: tuple[FloatArray, ...] = ()
+    """Polylines (N, 2) px along which neighbouring elements do *not* touch in 3D."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a solve needs, read-only. Frames are in video order, key frames too."""
+
+    root: Path
+    frames: tuple[Frame, ...]
+    key_frames: tuple[KeyFrame, ...]
+    metric: bool
+    """True when world units are metres."""
+    warnings: tuple[str, ...] = field(default=())
+    """What the readers skipped or repaired, one line each."""
+
+    def frame_of(self, key_frame: int) -> Frame:
+        """The frame that key frame number ``key_frame`` annotates."""
+        return self.frames[self.key_frames[key_frame].frame]
