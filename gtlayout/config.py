@@ -9,6 +9,35 @@ from dataclasses import dataclass, field
 class TrackingConfig:
     """Stage 1."""
 
+    spacing_px: float = 30.0
+    """Mean spacing of the Sobol points on visible parts (paper 3.2)."""
+    corners_per_cell: int = 8
+    """Corners tracked in the cell round each Sobol point, best first."""
+    corner_distance_px: float = 8.0
+    """Minimum distance of two corners."""
+    corner_quality: float = 0.002
+    """Weakest corner taken, as a share of the element's best."""
+    corner_block_px: int = 9
+    """Window of the corner measure."""
+    border_px: float = 3.0
+    """Margin kept from the rim of a visible part and of the image."""
+    max_frames: int = 40
+    """How far a point is followed each way."""
+    min_observations: int = 3
+    """Shorter tracks are dropped."""
+    window_px: int = 21
+    """Lucas-Kanade window."""
+    levels: int = 3
+    """Pyramid levels above the full image."""
+    max_forward_backward_px: float = 0.7
+    """A point must come back to where it started."""
+    max_anchor_shift_px: float = 4.0
+    """Largest correction by the key frame's own patch."""
+    patch_px: int = 15
+    """Patch compared with the key frame's."""
+    min_correlation: float = 0.85
+    """Least normalised cross-correlation of the two."""
+
 
 @dataclass(frozen=True)
 class CorrespondenceConfig:

@@ -2,9 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Protocol
 
-from gtlayout.scene import FloatArray, IntArray
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
+from shapely import MultiPolygon
+
+from gtlayout.config import TrackingConfig
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.images import read_gray
+from gtlayout.raster import polygon_mask
+from gtlayout.scene import BoolArray, Camera, Element, FloatArray, ImageArray, IntArray, Scene
 
 
 @dataclass(frozen=True)
@@ -23,6 +37,311 @@ class Tracks:
     """(M, 2) position."""
     tried: tuple[IntArray, ...]
     """Per key frame, (elements,) how many points were sampled on each element; few that survive mean a poor surface."""
+    unreadable: tuple[str, ...] = ()
+    """Names of the images that could not be read and were stepped over."""
 
     def __len__(self) -> int:
         return len(self.key_frame)
+
+
+class PairTracker(Protocol):
+    """Moves points from one image to the next. KLT below; any dense flow (RAFT …) fits as well."""
+
+    def __call__(
+        self, source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """Find (N, 2) ``points_px`` of ``source`` in ``target``, near ``guess_px``.
+
+        Returns their positions and whether each passed the tracker's own forward-backward check.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class KltTracker:
+    """Pyramidal Lucas-Kanade with forward-backward check."""
+
+    window_px: int
+    levels: int
+    max_forward_backward_px: float
+
+    def __call__(
+        self, source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray
+    ) -> tuple[FloatArray, BoolArray]:
+        """See ``PairTracker``."""
+        moved, found = _lucas_kanade(source, target, points_px, guess_px, self.window_px, self.levels)
+        back, found_back = _lucas_kanade(target, source, moved, points_px, self.window_px, self.levels)
+        close = np.linalg.norm(back - points_px, axis=1) < self.max_forward_backward_px
+        return moved, found & found_back & close
+
+
+def track(
+    scene: Scene,
+    config: TrackingConfig,
+    seed: int,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    tracker: PairTracker | None = None,
+) -> Tracks:
+    """Sample points on every element of every key frame and follow them both ways through the video.
+
+    Each step removes the known rotation before matching, predicts the rest from the depth seen so far, and re-anchors the
+    result on the key frame's own patch, so that error does not add up along a track. A track ends at the first failure.
+
+    Raises:
+        GtlayoutError: an annotated image cannot be read.
+    """
+    tracker = tracker or KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
+    images = _ImageCache(scene, 2 * config.max_frames + 2)
+    sampler = qmc.Sobol(d=2, seed=seed)
+    key_frames, elements, tried = [], [], []
+    tracks, frames, points = [], [], []
+    count = 0
+    for k, key_frame in enumerate(scene.key_frames):
+        progress(k, len(scene.key_frames))
+        image = images(key_frame.frame)
+        if image is None:
+            name = scene.frames[key_frame.frame].name
+            raise GtlayoutError(f"{name}: the annotated image cannot be read; replace it or remove its annotation")
+        per_element = [sample_points(image, element, config, sampler) for element in key_frame.elements]
+        tried.append(np.array([len(p) for p in per_element], dtype=np.int64))
+        start = np.concatenate(per_element) if per_element else np.empty((0, 2))
+        followed = [(np.arange(len(start)), np.full(len(start), key_frame.frame), start)]
+        for direction in (-1, 1):
+            followed += _follow(scene, images, k, start, direction, config, tracker)
+        index, frame, position = (np.concatenate(part) for part in zip(*followed, strict=True))
+        kept = np.bincount(index, minlength=len(start)) >= config.min_observations
+        renumber = np.cumsum(kept) - 1 + count
+        count += int(kept.sum())
+        use = kept[index]
+        tracks.append(renumber[index[use]])
+        frames.append(frame[use])
+        points.append(position[use])
+        key_frames.append(np.full(int(kept.sum()), k))
+        elements.append(np.repeat(np.arange(len(per_element)), [len(p) for p in per_element])[kept])
+    progress(len(scene.key_frames), len(scene.key_frames))
+    track_index, frame_index = np.concatenate(tracks), np.concatenate(frames)
+    order = np.lexsort((frame_index, track_index))
+    return Tracks(
+        key_frame=np.concatenate(key_frames),
+        element=np.concatenate(elements),
+        track=track_index[order],
+        frame=frame_index[order],
+        points_px=np.concatenate(points)[order],
+        tried=tuple(tried),
+        unreadable=images.unreadable,
+    )
+
+
+def sample_points(image: ImageArray, element: Element, config: TrackingConfig, sampler: qmc.Sobol) -> FloatArray:
+    """(N, 2) corners spread over the element's visible parts by a Sobol sequence (paper 3.2).
+
+    A cell round each of area / spacing² Sobol points gives its best corners. An element without visible parts is sampled
+    on its eroded amodal polygon.
+    """
+    height, width = image.shape
+    region = element.visible.buffer(-config.border_px)
+    if region.is_empty:
+        region = element.amodal.buffer(-config.spacing_px / 2)
+    if region.is_empty:
+        return np.empty((0, 2))
+    mask = polygon_mask(MultiPolygon([region]) if region.geom_type == "Polygon" else region, height, width)
+    corners = cv2.goodFeaturesToTrack(
+        image,
+        maxCorners=0,
+        qualityLevel=config.corner_quality,
+        minDistance=config.corner_distance_px,
+        mask=mask.astype(np.uint8),
+        blockSize=config.corner_block_px,
+    )
+    if corners is None:
+        return np.empty((0, 2))
+    corners_px = corners.reshape(-1, 2).astype(np.float64) + 0.5
+    wanted = max(1, round(region.area / config.spacing_px**2))
+    left, top, right, bottom = region.bounds
+    sampler.reset()
+    # Sobol points fill the bounding box; those inside the region are its even cover.
+    total = max(1, round(wanted * (right - left) * (bottom - top) / region.area))
+    unit = sampler.random(1 << (total - 1).bit_length())[:total]
+    seeds = np.array([left, top]) + unit * np.array([right - left, bottom - top])
+    inside = mask[np.clip(seeds[:, 1].astype(int), 0, height - 1), np.clip(seeds[:, 0].astype(int), 0, width - 1)]
+    seeds = seeds[inside] if inside.any() else corners_px[:1]
+    # goodFeaturesToTrack returns corners best first: a stable ranking inside each seed's cell.
+    _, cell = cKDTree(seeds).query(corners_px)
+    order = np.argsort(cell, kind="stable")
+    sizes = np.bincount(cell, minlength=len(seeds))
+    rank = np.arange(len(cell)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return corners_px[np.sort(order[rank < config.corners_per_cell])]
+
+
+def infinite_homography(source: Camera, target: Camera) -> FloatArray:
+    """(3, 3) map of pixels between two cameras for points at infinity: ``K R K⁻¹`` of their relative rotation."""
+    rotation = target.R_cam_from_world @ source.R_cam_from_world.T
+    return target.K @ rotation @ np.linalg.inv(source.K)
+
+
+def _follow(
+    scene: Scene,
+    images: _ImageCache,
+    k: int,
+    start_px: FloatArray,
+    direction: int,
+    config: TrackingConfig,
+    tracker: PairTracker,
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Yield (track, frame, position) of the points of key frame ``k`` that survive each frame in one direction."""
+    key = scene.key_frames[k].frame
+    key_camera, key_image = scene.frames[key].camera, images(key)
+    assert key_image is not None
+    depths = _InverseDepth(key_camera, start_px)
+    alive, position = np.arange(len(start_px)), start_px
+    camera, image = key_camera, key_image
+    for step in range(1, config.max_frames + 1):
+        frame = key + direction * step
+        if not 0 <= frame < len(scene.frames) or len(alive) == 0:
+            return
+        next_image = images(frame)
+        if next_image is None:
+            continue
+        next_camera = scene.frames[frame].camera
+        # The rotation between two frames is known: warping it away leaves only the parallax to the matcher, and the
+        # depth seen so far predicts that.
+        turn = infinite_homography(camera, next_camera)
+        source_px = _apply(turn, position)
+        parallax = depths.project(alive, next_camera) - _apply(turn, depths.project(alive, camera))
+        moved, ok = tracker(_warp(image, turn, next_camera), next_image, source_px, source_px + parallax)
+        key_turn = infinite_homography(key_camera, next_camera)
+        anchor_px = _apply(key_turn, start_px[alive])
+        anchored, anchor_ok = _re_anchor(_warp(key_image, key_turn, next_camera), next_image, anchor_px, moved, config)
+        ok &= anchor_ok & _inside(anchored, next_camera, config.border_px)
+        alive, position = alive[ok], anchored[ok]
+        depths.add(alive, next_camera, position)
+        camera, image = next_camera, next_image
+        yield alive, np.full(len(alive), frame), position
+
+
+class _InverseDepth:
+    """Running least-squares inverse depth of each point along its ray in the key frame."""
+
+    def __init__(self, key_camera: Camera, points_px: FloatArray) -> None:
+        self._center = key_camera.center_world
+        self._rays = key_camera.rays_world(points_px)
+        # Starts at infinity, held there by a squared pixel: noise on hardly any parallax predicts nothing.
+        self._numerator = np.zeros(len(points_px))
+        self._denominator = np.zeros(len(points_px))
+        self._scale = np.zeros(len(points_px))
+
+    def project(self, index: IntArray, camera: Camera) -> FloatArray:
+        """(N, 2) pixels at which the points are expected."""
+        rho = self._numerator[index] / np.maximum(self._denominator[index], 1e-12)
+        rho = np.where(self._scale[index] > 1.0, rho, 0.0)
+        homogeneous = self._homogeneous(index, camera, rho)
+        return homogeneous[:, :2] / homogeneous[:, 2:]
+
+    def add(self, index: IntArray, camera: Camera, points_px: FloatArray) -> None:
+        """Take in where the points were seen."""
+        far = self._homogeneous(index, camera, np.zeros(len(index)))
+        slope = camera.K @ (camera.R_cam_from_world @ self._center + camera.t_cam_from_world)
+        b = (points_px - far[:, :2] / far[:, 2:]) * 1.0
+        a = (slope[:2] - points_px * slope[2]) / far[:, 2:]
+        self._numerator[index] += np.sum(a * b, axis=1)
+        self._denominator[index] += np.sum(a * a, axis=1)
+        self._scale[index] = np.maximum(self._scale[index], np.linalg.norm(b, axis=1))
+
+    def _homogeneous(self, index: IntArray, camera: Camera, rho: FloatArray) -> FloatArray:
+        direction = self._rays[index] @ camera.R_cam_from_world.T
+        shift = camera.R_cam_from_world @ self._center + camera.t_cam_from_world
+        return (direction + rho[:, None] * shift) @ camera.K.T
+
+
+def _re_anchor(
+    key_image: ImageArray, image: ImageArray, anchor_px: FloatArray, moved_px: FloatArray, config: TrackingConfig
+) -> tuple[FloatArray, BoolArray]:
+    """Refine positions against the key frame's own patch (already turned into this view)."""
+    refined, found = _lucas_kanade(key_image, image, anchor_px, moved_px, config.window_px, 0)
+    ok = found & (np.linalg.norm(refined - moved_px, axis=1) < config.max_anchor_shift_px)
+    ok[ok] = _correlation(key_image, image, anchor_px[ok], refined[ok], config.patch_px) > config.min_correlation
+    return refined, ok
+
+
+def _correlation(
+    source: ImageArray, target: ImageArray, source_px: FloatArray, target_px: FloatArray, size_px: int
+) -> FloatArray:
+    """(N,) normalised cross-correlation of the square patches round two sets of points."""
+    if len(source_px) == 0:
+        return np.empty(0)
+    span = np.arange(size_px) - (size_px - 1) / 2
+    dx, dy = (grid.ravel() for grid in np.meshgrid(span, span))
+
+    def patches(image: ImageArray, points_px: FloatArray) -> FloatArray:
+        x = (points_px[:, :1] - 0.5 + dx).astype(np.float32)
+        y = (points_px[:, 1:] - 0.5 + dy).astype(np.float32)
+        values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
+        values -= values.mean(axis=1, keepdims=True)
+        return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-9)
+
+    return np.sum(patches(source, source_px) * patches(target, target_px), axis=1)
+
+
+def _lucas_kanade(
+    source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray, window_px: int, levels: int
+) -> tuple[FloatArray, BoolArray]:
+    if len(points_px) == 0:
+        return np.empty((0, 2)), np.empty(0, dtype=bool)
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        source,
+        target,
+        _opencv_points(points_px),
+        _opencv_points(guess_px),
+        winSize=(window_px, window_px),
+        maxLevel=levels,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01),
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    moved_px = moved[:, 0].astype(np.float64) + 0.5
+    return moved_px, (status[:, 0] == 1) & np.isfinite(moved_px).all(axis=1)
+
+
+def _opencv_points(points_px: FloatArray) -> npt.NDArray[np.float32]:
+    """OpenCV's shape and its convention of (0, 0) at the first pixel's centre."""
+    return np.ascontiguousarray(points_px - 0.5, dtype=np.float32).reshape(-1, 1, 2)
+
+
+def _warp(image: ImageArray, homography: FloatArray, camera: Camera) -> ImageArray:
+    half = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    opencv_homography = np.linalg.inv(half) @ homography @ half
+    warped: ImageArray = cv2.warpPerspective(
+        image, opencv_homography, (camera.width, camera.height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return warped
+
+
+def _apply(homography: FloatArray, points_px: FloatArray) -> FloatArray:
+    homogeneous = np.column_stack([points_px, np.ones(len(points_px))]) @ homography.T
+    return homogeneous[:, :2] / homogeneous[:, 2:]
+
+
+def _inside(points_px: FloatArray, camera: Camera, border_px: float) -> BoolArray:
+    return ((points_px > border_px) & (points_px < np.array([camera.width, camera.height]) - border_px)).all(axis=1)
+
+
+class _ImageCache:
+    """Grey images by frame, decoded once while they are in reach of a key frame; None where unreadable."""
+
+    def __init__(self, scene: Scene, size: int) -> None:
+        self._scene = scene
+        self._unreadable: set[int] = set()
+        self._read = lru_cache(maxsize=size)(self._decode)
+
+    def __call__(self, frame: int) -> ImageArray | None:
+        return self._read(frame)
+
+    def _decode(self, frame: int) -> ImageArray | None:
+        try:
+            return read_gray(self._scene.frames[frame])
+        except GtlayoutError:
+            self._unreadable.add(frame)
+            return None
+
+    @property
+    def unreadable(self) -> tuple[str, ...]:
+        return tuple(self._scene.frames[frame].name for frame in sorted(self._unreadable))
