@@ -48,6 +48,19 @@ class CorrespondenceConfig:
 class EdgeConfig:
     """Stage 3."""
 
+    max_gap_px: float = 4.0
+    """Two boundaries closer than this run along each other."""
+    step_px: float = 4.0
+    """Distance of the samples on a contact edge."""
+    min_length_px: float = 20.0
+    """Shorter contacts say nothing about a line."""
+    straightness_px: float = 6.0
+    """A pair's points further than this from their common line are not contact."""
+    occlusion_px: float = 6.0
+    """Reach of an annotated occlusion edge."""
+    border_px: float = 3.0
+    """Boundaries this close to the image border are cut by the image, not by a neighbour."""
+
 
 @dataclass(frozen=True)
 class EstimationConfig:
@@ -62,6 +75,14 @@ class ExtentConfig:
     """Refinement extends an element to its neighbour's plane when its area grows by at most this share (paper 3.4)."""
     max_cut: float = 0.10
     """… and cuts a piece beyond the neighbour's plane when it is less than this share of the area (paper 3.4)."""
+    min_angle_deg: float = 10.0
+    """Planes that meet at less than this angle have no intersection line worth refining to."""
+    max_depth_ratio: float = 10.0
+    """A key frame's polygon is clipped where its plane is farther than this many times the scene's median depth."""
+    min_horizon_px: float = 10.0
+    """… and where it comes closer than this to the plane's horizon: one pixel there moves the point by a tenth of its depth."""
+    min_piece: float = 0.005
+    """Separate pieces and holes below this share of an element's area are gaps between drawn polygons: dropped."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +90,11 @@ class QualityConfig:
     """Stage 7."""
 
     accept_iou: float = 0.8
-    """A scene is accepted from this mean reprojection IoU on (paper 3.5)."""
+    """A scene is accepted from this mean reprojection IoU on (paper 3.5); an element below it is weak."""
+    max_sigma_normal_deg: float = 3.0
+    """An element whose normal is less certain is weak."""
+    max_sigma_depth_share: float = 0.05
+    """An element whose depth is less certain, as a share of that depth, is weak."""
 
 
 @dataclass(frozen=True)

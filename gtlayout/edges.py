@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
-from gtlayout.scene import FloatArray
+import numpy as np
+import shapely
+from shapely import LineString, MultiLineString
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.config import EdgeConfig
+from gtlayout.layout import Instance
+from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
 
 @dataclass(frozen=True)
@@ -15,3 +24,68 @@ class ContactEdge:
     instances: tuple[int, int]
     points_px: FloatArray
     """(N, 2) samples along it."""
+
+
+def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfig) -> tuple[ContactEdge, ...]:
+    """All contact edges of all key frames, one per (key frame, pair of instances).
+
+    Boundaries within reach of an occlusion edge or of the image border are left out, and pairs that only touch at a point.
+    """
+    edges = []
+    for k, key_frame in enumerate(scene.key_frames):
+        members = {element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k}
+        camera = scene.frame_of(k).camera
+        excluded = _no_contact(key_frame, camera, config)
+        for a, b in combinations(sorted(members), 2):
+            points_px = _shared_boundary(key_frame.elements[a], key_frame.elements[b], excluded, config)
+            points_px = _on_one_line(points_px, config.straightness_px)
+            if len(points_px) >= config.min_length_px / config.step_px:
+                edges.append(ContactEdge(k, (members[a], members[b]), points_px))
+    return tuple(edges)
+
+
+def _no_contact(key_frame: KeyFrame, camera: Camera, config: EdgeConfig) -> BaseGeometry:
+    """The part of the image in which no boundary counts: round occlusion edges and along the image border."""
+    border = shapely.box(0, 0, camera.width, camera.height).exterior.buffer(config.border_px)
+    occluding = MultiLineString([LineString(line) for line in key_frame.occlusion_edges if len(line) > 1])
+    return shapely.union(border, occluding.buffer(config.occlusion_px))
+
+
+def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: EdgeConfig) -> FloatArray:
+    """(N, 2) points midway between the two boundaries, where these run along each other."""
+    boundary_a, boundary_b = a.amodal.boundary, b.amodal.boundary
+    if shapely.distance(boundary_a, boundary_b) > config.max_gap_px:
+        return np.empty((0, 2))
+    # Flat ends: a boundary that only comes close at its end does not run along the other one.
+    near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px, cap_style="flat")).difference(excluded)
+    pieces = [line for line in getattr(shapely.line_merge(near), "geoms", [near]) if line.geom_type == "LineString"]
+    samples = [
+        shapely.line_interpolate_point(line, np.arange(config.step_px / 2, line.length, config.step_px))
+        for line in pieces
+        if line.length >= 2 * config.max_gap_px
+    ]
+    if not samples:
+        return np.empty((0, 2))
+    points = np.concatenate(samples)
+    # The two hands' lines differ by a pixel or two: the truth is as likely on either, so take the middle.
+    opposite = shapely.line_interpolate_point(boundary_b, shapely.line_locate_point(boundary_b, points))
+    middle: FloatArray = (shapely.get_coordinates(points) + shapely.get_coordinates(opposite)) / 2
+    return middle
+
+
+def _on_one_line(points_px: FloatArray, tolerance_px: float) -> FloatArray:
+    """The points near the line that most of them share: two planes meet in one line, and only there.
+
+    What runs elsewhere (the side of a cabinet in front of the floor) is an occlusion edge nobody drew.
+    """
+    if len(points_px) < 3:
+        return points_px
+    first, second = np.triu_indices(len(points_px), k=1)
+    along = points_px[second] - points_px[first]
+    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
+    offset = np.sum(normal * points_px[first], axis=1)
+    distance = np.abs(points_px @ normal.T - offset)
+    # Truncated absolute distance: the count decides, closeness breaks its ties.
+    best = np.argmin(np.minimum(distance, tolerance_px).sum(axis=0))
+    kept: FloatArray = points_px[distance[:, best] < tolerance_px]
+    return kept
