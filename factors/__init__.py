@@ -1,1 +1,10 @@
-"""GTSAM custom factors of gtlayout."""
+"""GTSAM custom factors on ``OrientedPlane3`` and ``Point3`` variables; they know nothing of scenes.
+
+Observations of landmarks need no custom factor: GTSAM's native ``TriangulationFactor`` does them without Python.
+"""
+
+from gtlayout.factors.edge import edge_factor
+from gtlayout.factors.perpendicularity import perpendicularity_factor
+from gtlayout.factors.track import track_factor
+
+__all__ = ["edge_factor", "perpendicularity_factor", "track_factor"]

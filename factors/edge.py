@@ -1,0 +1,54 @@
+"""An annotated contact edge lies on the image of the line in which two planes meet."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from gtlayout.factors.batching import FloatArray, custom_factor, plane_parts
+
+
+def edge_factor(
+    plane_keys: tuple[int, int], points_px: FloatArray, projection: FloatArray, noise: Any
+) -> gtsam.CustomFactor:
+    """Two residuals in px: half-sum and half-difference of the distances of two edge points from the planes' line.
+
+    With D = n · c + d for the camera centre c, ``m = D_a n_b − D_b n_a`` is the normal of the plane through c and the
+    intersection line, ``l = K⁻ᵀ R m`` its image, and ``r = l · u / ‖l₁₂‖`` the distance of pixel u from it.
+
+    An edge drawn by one hand is off as a whole, so its points are not independent: two representative points (mean ± one
+    standard deviation along the edge) carry all it says. Their half-sum is its shift, their half-difference its tilt.
+
+    Args:
+        plane_keys: two ``OrientedPlane3`` variables.
+        points_px: (2, 2) the representative points, px.
+        projection: (3, 4) ``K [R | t]`` of the camera, world to px.
+        noise: 2-D noise model for (shift, tilt), px; may be robust.
+    """
+    K_R = projection[:, :3]
+    to_line = np.linalg.inv(K_R).T
+    center = -np.linalg.solve(K_R, projection[:, 3])
+    # l is only used up to scale, but a determinant near 1 keeps its numbers near the pixel's.
+    to_line = to_line / np.cbrt(np.abs(np.linalg.det(to_line)))
+    u = np.column_stack([points_px, np.ones(2)])
+    mix = np.array([[0.5, 0.5], [0.5, -0.5]])
+
+    def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[FloatArray, list[FloatArray]]:
+        (n_a, d_a, basis_a), (n_b, d_b, basis_b) = (plane_parts(values, key) for key in plane_keys)
+        D_a, D_b = n_a @ center + d_a, n_b @ center + d_b
+        line = to_line @ (D_a * n_b - D_b * n_a)
+        # Coincident planes have no line: a tiny length keeps the numbers finite and the pull harmless.
+        length = max(float(np.hypot(line[0], line[1])), 1e-12)
+        r = u @ line / length
+        if not want_jacobians:
+            return mix @ r, []
+        by_line = (u - r[:, None] * np.array([line[0], line[1], 0.0]) / length) / length
+        g = by_line @ to_line
+        g_a, g_b = g @ n_a, g @ n_b
+        by_a = np.column_stack([(np.outer(g_b, center) - D_b * g) @ basis_a, g_b])
+        by_b = np.column_stack([(D_a * g - np.outer(g_a, center)) @ basis_b, -g_a])
+        return mix @ r, [mix @ by_a, mix @ by_b]
+
+    return custom_factor(noise, list(plane_keys), residual)

@@ -1,0 +1,116 @@
+"""Every factor: Jacobians against numeric ones, and answers known in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import gtsam
+import numpy as np
+import numpy.typing as npt
+import pytest
+from gtsam.symbol_shorthand import L, P
+
+from gtlayout.factors import edge_factor, perpendicularity_factor, track_factor
+from gtlayout.factors.batching import custom_factor
+
+Rng = np.random.Generator
+FloatArray = npt.NDArray[np.float64]
+CAMERA = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]) @ np.column_stack(
+    [gtsam.Rot3.RzRyRx(0.2, -0.3, 0.1).matrix(), [0.3, -0.2, 0.5]]
+)
+
+
+def make_track(rng: Rng) -> gtsam.NoiseModelFactor:
+    return track_factor(P(0), [L(i) for i in range(5)], rng.uniform(0.01, 0.1, 5))
+
+
+def make_edge(rng: Rng) -> gtsam.NoiseModelFactor:
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([5.0, 2.0]))
+    return edge_factor((P(0), P(1)), rng.uniform(0, 480, (2, 2)), CAMERA, noise)
+
+
+def make_perpendicularity(_: Rng) -> gtsam.NoiseModelFactor:
+    return perpendicularity_factor((P(0), P(1)), gtsam.noiseModel.Isotropic.Sigma(1, 0.1))
+
+
+@pytest.mark.parametrize("make", [make_track, make_edge, make_perpendicularity])
+@pytest.mark.parametrize("seed", range(5))
+def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFactor], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    factor = make(rng)
+    values = gtsam.Values()
+    for key in factor.keys():
+        if gtsam.Symbol(key).chr() == ord("p"):
+            normal = rng.normal(size=3)
+            values.insert(key, gtsam.OrientedPlane3(np.append(normal / np.linalg.norm(normal), rng.uniform(1, 3))))
+        else:
+            values.insertPoint3(key, rng.normal(size=3))
+    jacobian, _ = factor.linearize(values).jacobian()
+    columns = []
+    for key in factor.keys():
+        for axis in range(3):
+            step = 1e-6
+            errors = []
+            for sign in (1, -1):
+                delta = gtsam.VectorValues()
+                for other in factor.keys():
+                    delta.insert(other, sign * step * np.eye(3)[axis] if other == key else np.zeros(3))
+                errors.append(factor.whitenedError(values.retract(delta)))
+            columns.append((errors[0] - errors[1]) / (2 * step))
+    np.testing.assert_allclose(jacobian, np.array(columns).T, rtol=1e-6, atol=1e-6 * np.abs(jacobian).max())
+
+
+def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() -> None:
+    # The planes x = 2 and y = 1 meet in the line (2, 1, z); a camera at the origin looking along z sees it as an image line.
+    values = gtsam.Values()
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([-1.0, 0, 0, 2])))
+    values.insert(P(1), gtsam.OrientedPlane3(np.array([0, -1.0, 0, 1])))
+    K = np.array([[400.0, 0, 300], [0, 400, 200], [0, 0, 1]])
+    projection = np.column_stack([K, np.zeros(3)])
+    image = [(K @ [2, 1, z] / z)[:2] for z in (4.0, 9.0)]
+    along = (image[1] - image[0]) / np.linalg.norm(image[1] - image[0])
+    across = np.array([-along[1], along[0]])
+    unit = gtsam.noiseModel.Unit.Create(2)
+
+    def error(shift_px: float, tilt_px: float) -> FloatArray:
+        points = np.array([image[0] + (shift_px + tilt_px) * across, image[1] + (shift_px - tilt_px) * across])
+        whitened: FloatArray = edge_factor((P(0), P(1)), points, projection, unit).whitenedError(values)
+        return whitened
+
+    np.testing.assert_allclose(error(0, 0), 0, atol=1e-9)
+    np.testing.assert_allclose(np.abs(error(3, 0)), [3, 0], atol=1e-9)
+    np.testing.assert_allclose(np.abs(error(0, 2)), [0, 2], atol=1e-9)
+
+
+def test_perpendicularity_is_the_sine_of_the_deviation() -> None:
+    values = gtsam.Values()
+    tilt = np.deg2rad(7)
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, 1.0, 0])))
+    values.insert(P(1), gtsam.OrientedPlane3(np.array([np.cos(tilt), 0, np.sin(tilt), 1])))
+    factor = perpendicularity_factor((P(0), P(1)), gtsam.noiseModel.Unit.Create(1))
+    np.testing.assert_allclose(factor.whitenedError(values), [np.sin(tilt)])
+
+
+def test_marginal_of_a_plane_fitted_to_known_points_is_least_squares() -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform(-1, 1, (40, 2)), np.zeros(40)])
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for i, point in enumerate(points):
+        graph.add(gtsam.PriorFactorPoint3(L(i), point, gtsam.noiseModel.Isotropic.Sigma(3, 1e-6)))
+        values.insertPoint3(L(i), point)
+    graph.add(track_factor(P(0), [L(i) for i in range(40)], np.full(40, 0.01)))
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, 1.0, 0])))
+    rows = np.column_stack([points @ gtsam.Unit3(np.array([0, 0, 1.0])).basis(), np.ones(40)])
+    expected = np.linalg.inv(rows.T @ rows) * 0.01**2
+    np.testing.assert_allclose(gtsam.Marginals(graph, values).marginalCovariance(P(0)), expected, rtol=1e-4)
+
+
+def test_wrong_shapes_are_named() -> None:
+    def residual(_: gtsam.Values, __: bool) -> tuple[FloatArray, list[FloatArray]]:
+        return np.zeros(2), [np.zeros((1, 3))]
+
+    factor = custom_factor(gtsam.noiseModel.Unit.Create(1), [P(0)], residual)
+    values = gtsam.Values()
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, 1.0, 0])))
+    with pytest.raises(ValueError, match="residual has shape"):
+        factor.linearize(values)
