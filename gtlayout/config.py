@@ -63,8 +63,88 @@ class EdgeConfig:
 
 
 @dataclass(frozen=True)
+class InitializationConfig:
+    """Stage 4, starting planes: costs by which hypotheses are chosen (σ of tracks is whitened already)."""
+
+    draws: int = 200
+    """Hypotheses from random tracks."""
+    draws_per_edge: int = 20
+    """Hypotheses from each contact edge with a random track."""
+    sweeps: int = 3
+    """How often every element is chosen again in the light of the others."""
+    max_tracks: int = 200
+    """Tracks of an element that take part."""
+    track_cutoff: float = 3.0
+    """A track off by more σ than this is an outlier."""
+    max_track_weight: float = 60.0
+    """More tracks than this do not count more: their errors are not independent."""
+    edge_weight: float = 5.0
+    """Worth of a contact edge, in tracks."""
+    edge_cutoff_px: float = 18.0
+    """A contact edge off by more than this is wrong."""
+    perpendicularity_weight: float = 10.0
+    """Worth of a right angle, in tracks."""
+    perpendicularity_cutoff: float = 0.15
+    """sin of the deviation from which on an angle is not right at all."""
+    absurd_weight: float = 5.0
+    """Price of an element drawn where its plane cannot be seen."""
+
+
+@dataclass(frozen=True)
 class EstimationConfig:
-    """Stage 4."""
+    """Stage 4: noise model. Lengths are metres, or 1/2.5 of the median depth when the scene is not metric."""
+
+    initialization: InitializationConfig = field(default_factory=InitializationConfig)
+    nearest: float = 0.15
+    """Nearest depth a point may have."""
+    farthest: float = 30.0
+    """Farthest depth a point may have."""
+    triangulation_cauchy_px: float = 2.0
+    """Robust scale of triangulation."""
+    relative_depth_sigma: float = 0.02
+    """Camera and tracking errors that all points of an element share, as a share of depth."""
+    sigma_observation_px: float = 1.0
+    """Noise of a tracked point."""
+    observation_cauchy: float = 1.0
+    """Robust scale of an observation, in σ."""
+    sigma_surface: float = 0.01
+    """Relief of a surface round its plane."""
+    max_observations: int = 6
+    """Observations of a track that enter the graph, spread evenly over it."""
+    independent_observations: float = 3.0
+    """A track counts as so many independent observations at most."""
+    track_cauchy: float = 2.0
+    """Robust scale of a whole track, in σ."""
+    full_acceptance: float = 0.4
+    """Share of sampled points that survive tracking from which on a surface is trusted fully; glossy ones keep 0.02."""
+    full_tracks: float = 20.0
+    """Tracks from which on a surface is trusted fully."""
+    max_track_weight: float = 60.0
+    """Sum of the weights of an element's tracks."""
+    sigma_edge_shift_px: float = 2.0
+    """Shift of an annotated edge as a whole."""
+    sigma_edge_tilt_px: float = 0.8
+    """Tilt of an annotated edge: half the difference of its two representative points."""
+    edge_cauchy: float = 4.9
+    """Robust scale of an edge, in σ."""
+    sigma_perpendicularity: float = 0.1
+    """Deviation from a right angle, radians."""
+    sigma_prior_d: float = 100.0
+    """Weak prior: keeps an undetermined plane solvable; its σ then says so."""
+    sigma_prior_point: float = 10.0
+    """The same for a landmark."""
+    sigma_prior_normal: float = 1.0
+    """The same for the normal, radians."""
+    rounds: int = 4
+    """Re-weightings of whole tracks."""
+    max_iterations: int = 15
+    """Levenberg-Marquardt iterations a round."""
+    relative_decrease: float = 1e-4
+    """A round ends when an iteration lowers the cost by less than this share."""
+    settled: float = 1e-4
+    """Re-weighting ends when no coefficient of a plane moves by more."""
+    unobservable_depth: float = 0.5
+    """A plane whose σ of depth is more than this share of the depth is called unobservable."""
 
 
 @dataclass(frozen=True)
@@ -108,3 +188,12 @@ class Config:
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
     seed: int = 0
+    restarts: int = 1
+    """Solves of which the one with the best reprojection IoU is kept (paper 3.5, which makes 100)."""
+    restart_share: float = 0.8
+    """Random share of the tracks that each solve after the first works with."""
+
+    def __post_init__(self) -> None:
+        if self.restarts < 1:
+            msg = f"restarts is {self.restarts}, it must be at least 1"
+            raise ValueError(msg)

@@ -1,11 +1,25 @@
-"""Stage 4: initial planes, factor graph, Levenberg-Marquardt, marginals."""
+"""Stage 4: initial planes, factor graph, Levenberg-Marquardt, marginals (paper 3.3 as a factor graph).
+
+Variables are an ``OrientedPlane3`` per surface (an element with the doors and windows it hosts) and a ``Point3`` per track.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gtlayout.layout import Plane
-from gtlayout.scene import FloatArray, IntArray
+import numpy as np
+
+from gtlayout.config import EstimationConfig
+from gtlayout.edges import ContactEdge
+from gtlayout.errors import GtlayoutError
+from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.graph import Solution, solve
+from gtlayout.initialization import initial_planes
+from gtlayout.layout import Instance, Plane
+from gtlayout.scene import FloatArray, IntArray, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import triangulate
 
 
 @dataclass(frozen=True)
@@ -30,3 +44,89 @@ class Estimate:
     landmark_instance: IntArray
     """(N,) instance whose plane it lies on, -1 = none."""
     iterations: tuple[Iteration, ...]
+
+
+def estimate(
+    scene: Scene,
+    tracks: Tracks,
+    track_instance: IntArray,
+    instances: Sequence[Instance],
+    edges: Sequence[ContactEdge],
+    config: EstimationConfig,
+    seed: int,
+) -> Estimate:
+    """Planes of all instances with their covariance.
+
+    Args:
+        track_instance: (N,) instance of each track, -1 = none.
+
+    Raises:
+        GtlayoutError: no plane at all can be determined (the camera does not move, or nothing was tracked).
+    """
+    names = ", ".join(instance.name for instance in instances)
+    depth_range = _depth_range(scene, config)
+    if depth_range is None:
+        raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
+    if len(tracks) == 0:
+        raise GtlayoutError(f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}")
+    rays = triangulate(scene, tracks, config.sigma_observation_px, config.triangulation_cauchy_px, depth_range)
+    local = Normalisation.of(rays, scene.metric)
+    evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
+    start = initial_planes(evidence, (config.nearest, config.farthest), config.initialization, seed)
+    cameras = [local.camera(frame.camera) for frame in scene.frames]
+    solution = solve(cameras, tracks, evidence, start, config)
+
+    world_planes, jacobian = local.planes_to_world(solution.planes)
+    covariances = jacobian @ solution.covariances @ jacobian.T
+    surface_of = [i if instance.host is None else instance.host for i, instance in enumerate(instances)]
+    kept = np.bincount(evidence.track_surface[evidence.track_surface >= 0], minlength=len(instances))
+    planes = [
+        _plane(world_planes[s], covariances[s], int(kept[s]), _relative_depth_sigma(evidence, solution, s), config)
+        for s in range(len(instances))
+    ]
+    if not any(planes[s].observable for s in surface_of):
+        raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
+    used = np.isfinite(solution.landmarks[:, 0])
+    return Estimate(
+        planes=tuple(planes[s] for s in surface_of),
+        landmarks=local.points_to_world(solution.landmarks),
+        landmark_weight=solution.robust_weight,
+        landmark_instance=np.where(used, track_instance, -1),
+        iterations=tuple(
+            Iteration(cost, local.planes_to_world(at)[0][surface_of])
+            for cost, at in zip(solution.costs, solution.history[1:], strict=True)
+        ),
+    )
+
+
+def _depth_range(scene: Scene, config: EstimationConfig) -> tuple[float, float] | None:
+    """Depths that points may have, world unit; None when the camera does not move."""
+    centers = np.array([frame.camera.center_world for frame in scene.frames])
+    path = float(np.linalg.norm(np.ptp(centers, axis=0)))
+    if path < 1e-6 * max(1.0, float(np.abs(centers).max())):
+        return None
+    return (config.nearest, config.farthest) if scene.metric else (0.02 * path, 1000 * path)
+
+
+def _relative_depth_sigma(evidence: Evidence, solution: Solution, surface: int) -> float:
+    """σ of the depth as a share of the depth, where the surface is drawn: the median over its sampled pixels."""
+    views, plane = evidence.views[surface], solution.planes[surface]
+    depth = views.depths(plane[None])[0]
+    seen = depth > 0
+    if not seen.any():
+        return np.inf
+    points = np.column_stack([views.center[seen] + depth[seen, None] * views.ray[seen], np.ones(seen.sum())])
+    variance = np.sum(points @ solution.covariances[surface] * points, axis=1)
+    return float(np.median(np.sqrt(variance) / np.abs(views.ray[seen] @ plane[:3]) / depth[seen]))
+
+
+def _plane(
+    coefficients: FloatArray, covariance: FloatArray, tracks: int, relative_sigma: float, config: EstimationConfig
+) -> Plane:
+    if not np.isfinite(coefficients).all():
+        note, observable = "no track and no contact edge places it", False
+    elif not relative_sigma < config.unobservable_depth:
+        note, observable = "nothing but weak priors determines it", False
+    else:
+        note, observable = "", True
+    return Plane(coefficients[:3], float(coefficients[3]), covariance, observable, note, tracks)

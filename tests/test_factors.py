@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 from gtsam.symbol_shorthand import L, P
 
-from gtlayout.factors import edge_factor, perpendicularity_factor, track_factor
+from gtlayout.factors import edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
 from gtlayout.factors.batching import custom_factor
 
 Rng = np.random.Generator
@@ -33,7 +33,13 @@ def make_perpendicularity(_: Rng) -> gtsam.NoiseModelFactor:
     return perpendicularity_factor((P(0), P(1)), gtsam.noiseModel.Isotropic.Sigma(1, 0.1))
 
 
-@pytest.mark.parametrize("make", [make_track, make_edge, make_perpendicularity])
+def make_prior(rng: Rng) -> gtsam.NoiseModelFactor:
+    normal = rng.normal(size=3)
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, 100.0]))
+    return plane_prior_factor(P(0), np.append(normal / np.linalg.norm(normal), 2.0), noise)
+
+
+@pytest.mark.parametrize("make", [make_track, make_edge, make_perpendicularity, make_prior])
 @pytest.mark.parametrize("seed", range(5))
 def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFactor], seed: int) -> None:
     rng = np.random.default_rng(seed)

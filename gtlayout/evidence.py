@@ -1,0 +1,245 @@
+"""Stage 4, before the graph: what tracks, edges and right angles say about each surface, in a normalised world.
+
+A surface is a structural element together with the doors and windows it hosts: one plane variable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from shapely import MultiPolygon, get_coordinates
+
+from gtlayout.config import EstimationConfig
+from gtlayout.edges import ContactEdge
+from gtlayout.layout import Instance
+from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import Rays
+
+TYPICAL_DEPTH = 2.5
+"""Median depth to which a scene without a unit is scaled, so that the noise model's metres mean something."""
+
+
+@dataclass(frozen=True)
+class Normalisation:
+    """``X_local = scale (X_world - origin)``: keeps a plane's n and d uncoupled, and gives unitless scenes a room's size."""
+
+    origin: FloatArray
+    scale: float
+
+    @classmethod
+    def of(cls, rays: Rays, metric: bool) -> Normalisation:
+        """Origin amid the points; scale 1 when the scene is metric."""
+        return cls(np.median(rays.points_world(), axis=0), 1.0 if metric else TYPICAL_DEPTH * float(np.median(rays.rho)))
+
+    def camera(self, camera: Camera) -> Camera:
+        """The same camera in the local world."""
+        t = self.scale * (camera.t_cam_from_world + camera.R_cam_from_world @ self.origin)
+        return replace(camera, t_cam_from_world=t)
+
+    def rays(self, rays: Rays) -> Rays:
+        """The same rays in the local world."""
+        center = self.scale * (rays.center - self.origin)
+        return replace(rays, center=center, rho=rays.rho / self.scale, sigma_rho=rays.sigma_rho / self.scale)
+
+    def points_to_world(self, points_local: FloatArray) -> FloatArray:
+        """(N, 3) local points in the world."""
+        return points_local / self.scale + self.origin
+
+    def planes_to_world(self, planes_local: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(S, 4) planes in the world, and the (4, 4) derivative of (normal, d) there by (normal, d) here."""
+        jacobian = np.diag([1.0, 1.0, 1.0, 1.0 / self.scale])
+        jacobian[3, :3] = -self.origin
+        return planes_local @ jacobian.T, jacobian
+
+
+@dataclass(frozen=True)
+class EdgeGroup:
+    """The contact edge of two surfaces in one key frame."""
+
+    camera: Camera
+    surfaces: tuple[int, int]
+    points_px: FloatArray
+
+    def other(self, surface: int) -> int:
+        """The surface on its other side."""
+        return self.surfaces[1] if self.surfaces[0] == surface else self.surfaces[0]
+
+    def representatives_px(self) -> FloatArray:
+        """(2, 2) the two points that stand for the edge: mean ± one standard deviation along it."""
+        mean = self.points_px.mean(axis=0)
+        _, spread, axes = np.linalg.svd(self.points_px - mean, full_matrices=False)
+        step = spread[0] / np.sqrt(len(self.points_px)) * axes[0]
+        return np.array([mean - step, mean + step])
+
+    def distances_px(self, planes: FloatArray, neighbour: FloatArray) -> FloatArray:
+        """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``."""
+        center = self.camera.center_world
+        clearance = planes[:, :3] @ center + planes[:, 3]
+        through = clearance[:, None] * neighbour[:3] - (neighbour[:3] @ center + neighbour[3]) * planes[:, :3]
+        lines = through @ np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world)
+        length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
+        homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
+        distances: FloatArray = (lines @ homogeneous.T) / length[:, None]
+        return distances
+
+    def ends_on(self, plane: FloatArray) -> FloatArray:
+        """(2, 3) points of the edge's two ends on one of its planes."""
+        rays = self.camera.rays_world(self.points_px[[0, -1]])
+        center = self.camera.center_world
+        depth = -(plane[:3] @ center + plane[3]) / (rays @ plane[:3])
+        return center + depth[:, None] * rays
+
+
+@dataclass(frozen=True)
+class Views:
+    """Where one surface is drawn: P sampled pixels as rays."""
+
+    center: FloatArray
+    """(P, 3) camera centres."""
+    ray: FloatArray
+    """(P, 3) directions with z = 1 in the camera."""
+
+    def depths(self, planes: FloatArray) -> FloatArray:
+        """(H, P) depths at which (H, 4) planes are seen there; negative behind the camera."""
+        facing = planes[:, :3] @ self.ray.T
+        depth: FloatArray = -(planes[:, :3] @ self.center.T + planes[:, 3:]) / np.where(facing == 0, 1e-12, facing)
+        return depth
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that is known of S surfaces before their planes are. Local world."""
+
+    rays: Rays
+    """Every track as a point at inverse depth on a ray."""
+    sigma_rho: FloatArray
+    """(N,) σ of the inverse depths with the errors that all points share."""
+    track_surface: IntArray
+    """(N,) surface of each track; -1 = does not take part."""
+    track_weight: FloatArray
+    """(N,) how far each track is trusted before its residual is known, in [0, 1]."""
+    edges: tuple[EdgeGroup, ...]
+    perpendicular: BoolArray
+    """(S, S) whether two surfaces should be at right angles."""
+    level: BoolArray
+    """(S,) floors and ceilings."""
+    views: tuple[Views, ...]
+    is_surface: BoolArray
+    """(S,) False for openings that lie in their host's plane: surfaces share the instances' numbers."""
+
+    def track_residuals(self, index: IntArray, planes: FloatArray) -> FloatArray:
+        """(H, n) deviation of the tracks' inverse depths from those of (H, 4) planes, in σ."""
+        facing = planes[:, :3] @ self.rays.ray[index].T
+        clearance = planes[:, :3] @ self.rays.center[index].T + planes[:, 3:]
+        on_plane = -facing / np.where(np.abs(clearance) < 1e-9, 1e-9, clearance)
+        residuals: FloatArray = (self.rays.rho[index] - on_plane) / self.sigma_rho[index]
+        return residuals
+
+
+def gather(
+    scene: Scene,
+    tracks: Tracks,
+    rays: Rays,
+    track_instance: IntArray,
+    instances: Sequence[Instance],
+    edges: Sequence[ContactEdge],
+    local: Normalisation,
+    config: EstimationConfig,
+) -> Evidence:
+    """Collect the evidence on every surface. ``rays`` are local already, ``scene`` is not."""
+    surface_of = np.array([i if instance.host is None else instance.host for i, instance in enumerate(instances)])
+    key_cameras = [local.camera(scene.frame_of(k).camera) for k in range(len(scene.key_frames))]
+    track_surface = np.where(track_instance >= 0, surface_of[track_instance], -1)
+    track_surface = _prefer_visible(scene, tracks, track_surface)
+    labels = [instance.label for instance in instances]
+    level = np.array([label in ("floor", "ceiling") for label in labels])
+    wall = np.array([label == "wall" for label in labels])
+    across = np.outer(wall, level)
+    return Evidence(
+        rays=rays,
+        sigma_rho=np.hypot(rays.sigma_rho, config.relative_depth_sigma * rays.rho),
+        track_surface=track_surface,
+        track_weight=_trust(scene, tracks, track_surface, instances, surface_of, config),
+        edges=_edge_groups(edges, surface_of, key_cameras),
+        perpendicular=across | across.T,
+        level=level,
+        views=tuple(_views(scene, instance, key_cameras) for instance in instances),
+        is_surface=surface_of == np.arange(len(instances)),
+    )
+
+
+def _prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> IntArray:
+    """Tracks sampled on an amodal polygon (furniture, as likely as not) count only where a surface has no others."""
+    drawn = np.array(
+        [not scene.key_frames[k].elements[e].visible.is_empty for k, e in zip(tracks.key_frame, tracks.element, strict=True)],
+        dtype=bool,
+    )
+    with_visible = np.unique(track_surface[drawn])
+    return np.where(drawn | ~np.isin(track_surface, with_visible), track_surface, -1)
+
+
+def _trust(
+    scene: Scene,
+    tracks: Tracks,
+    track_surface: IntArray,
+    instances: Sequence[Instance],
+    surface_of: IntArray,
+    config: EstimationConfig,
+) -> FloatArray:
+    """(N,) weight of each track by its length and by how its surface can be tracked.
+
+    Points on mirror-like surfaces triangulate well, and wrong: but few of them survive. So a surface is trusted by the
+    share of its points that did.
+    """
+    count = len(instances)
+    tried = np.zeros(count)
+    for i, instance in enumerate(instances):
+        for k, element in instance.members:
+            tried[surface_of[i]] += tracks.tried[k][element]
+    kept = np.bincount(track_surface[track_surface >= 0], minlength=count)
+    acceptance = np.minimum(kept / np.maximum(tried, 1) / config.full_acceptance, 1.0)
+    plenty = np.minimum(kept / config.full_tracks, 1.0)
+    observations = np.bincount(tracks.track, minlength=len(tracks))
+    # The graph takes so many observations of a track; they share the errors of tracking and of the cameras.
+    length = np.minimum(1.0, config.independent_observations / np.minimum(observations, config.max_observations))
+    weight: FloatArray = length * np.where(track_surface >= 0, (acceptance * plenty)[track_surface], 0.0)
+    return weight
+
+
+def _edge_groups(
+    edges: Sequence[ContactEdge], surface_of: IntArray, key_cameras: Sequence[Camera]
+) -> tuple[EdgeGroup, ...]:
+    """One group per key frame and pair of surfaces.
+
+    The foot of a door speaks for its host only where the host's own does not: leaves sit back in the wall.
+    """
+    own: dict[tuple[int, int, int], FloatArray] = {}
+    by_opening: dict[tuple[int, int, int], FloatArray] = {}
+    for edge in edges:
+        a, b = sorted(int(surface_of[i]) for i in edge.instances)
+        if a != b:
+            hosted = {a, b} != set(edge.instances)
+            group = by_opening if hosted else own
+            key = (edge.key_frame, a, b)
+            group[key] = np.concatenate([group[key], edge.points_px]) if key in group else edge.points_px
+    groups = sorted((by_opening | own).items())
+    return tuple(EdgeGroup(key_cameras[k], (a, b), points_px) for (k, a, b), points_px in groups)
+
+
+def _views(scene: Scene, instance: Instance, key_cameras: Sequence[Camera]) -> Views:
+    """A few pixels well inside every polygon of an instance."""
+    centers, rays = [np.empty((0, 3))], [np.empty((0, 3))]
+    for k, element in instance.members:
+        drawn = scene.key_frames[k].elements[element]
+        points_px = _inner_points(drawn.amodal if drawn.visible.is_empty else drawn.visible)
+        rays.append(key_cameras[k].rays_world(points_px))
+        centers.append(np.broadcast_to(key_cameras[k].center_world, (len(points_px), 3)))
+    return Views(np.concatenate(centers), np.concatenate(rays))
+
+
+def _inner_points(region: MultiPolygon) -> FloatArray:
+    parts = [get_coordinates(polygon.exterior)[:-1] for polygon in region.geoms]
+    return np.concatenate([np.empty((0, 2)), *(p.mean(axis=0) + s * (p - p.mean(axis=0)) for p in parts for s in (0.5, 0.9))])

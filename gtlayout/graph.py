@@ -1,0 +1,201 @@
+"""Stage 4, second half: the factor graph, Levenberg-Marquardt with re-weighted tracks, marginals. Local world throughout."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, P
+
+from gtlayout.config import EstimationConfig
+from gtlayout.evidence import Evidence
+from gtlayout.factors import edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
+from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
+from gtlayout.tracking import Tracks
+
+_BATCH = 32
+"""Landmarks per track factor: GTSAM copies all values for every Python factor it calls, and a big batch is a dense clique."""
+_NEGLIGIBLE = 1e-3
+"""Tracks of less weight stay out of the graph."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The optimum. S surfaces, N tracks; NaN for what was not in the graph."""
+
+    planes: FloatArray
+    """(S, 4)."""
+    covariances: FloatArray
+    """(S, 4, 4) of (normal, d)."""
+    landmarks: FloatArray
+    """(N, 3)."""
+    robust_weight: FloatArray
+    """(N,) what the last re-weighting left of each track, in [0, 1]."""
+    costs: tuple[float, ...]
+    """After each Levenberg-Marquardt iteration."""
+    history: tuple[FloatArray, ...]
+    """(S, 4) planes after each iteration."""
+
+
+def solve(
+    cameras: Sequence[Camera], tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
+) -> Solution:
+    """Optimise from ``start`` (S, 4) and query the marginals of all planes.
+
+    Whole tracks are re-weighted between runs of Levenberg-Marquardt (Cauchy on a track's deviation from its plane): one robust
+    kernel on a factor cannot do that, because a track is many factors.
+    """
+    surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
+    observed = _spread_observations(tracks, config.max_observations)
+    planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
+    costs: list[float] = []
+    history = [planes.copy()]
+    for _ in range(config.rounds):
+        robust, weight = _track_weights(evidence, planes, config)
+        used = weight > _NEGLIGIBLE
+        values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0])
+        graph = _build(cameras, tracks, evidence, values, surfaces, observed & used[tracks.track], weight, config)
+        values = _optimise(graph, values, surfaces, start, config, costs, history)
+        before, planes = planes, history[-1].copy()
+        landmarks[:] = np.nan
+        for n in np.nonzero(used)[0]:
+            landmarks[n] = values.atPoint3(L(int(n)))
+        if np.abs(planes - before)[surfaces].max() < config.settled:
+            break
+    marginals = gtsam.Marginals(graph, values)
+    covariances = np.full((len(start), 4, 4), np.nan)
+    for s in surfaces:
+        tangent = np.zeros((4, 3))
+        tangent[:3, :2] = values.atOrientedPlane3(P(int(s))).normal().basis()
+        tangent[3, 2] = 1.0
+        covariances[s] = tangent @ marginals.marginalCovariance(P(int(s))) @ tangent.T
+    return Solution(planes, covariances, landmarks, robust, tuple(costs), tuple(history))
+
+
+def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
+    """(N,) robust weight of each track at ``planes``, and its whole weight in the graph."""
+    robust = np.zeros(len(evidence.track_surface))
+    weight = np.zeros(len(robust))
+    for s in np.nonzero(np.isfinite(planes[:, 0]))[0]:
+        index = np.nonzero(evidence.track_surface == s)[0]
+        residual = evidence.track_residuals(index, planes[s][None])[0]
+        robust[index] = 1.0 / (1.0 + (residual / config.track_cauchy) ** 2)
+        weight[index] = robust[index] * evidence.track_weight[index]
+        # Tracks of one surface share the errors of cameras and surface: past some number more of them tell nothing new.
+        weight[index] *= min(1.0, config.max_track_weight / max(weight[index].sum(), 1e-9))
+    return robust, weight
+
+
+def _spread_observations(tracks: Tracks, most: int) -> BoolArray:
+    """(M,) up to ``most`` observations of each track, evenly spread over it, its ends among them."""
+    length = np.bincount(tracks.track, minlength=len(tracks))
+    first = np.cumsum(length) - length
+    position = np.arange(len(tracks.track)) - first[tracks.track]
+    slots = (np.minimum(length, most) - 1)[tracks.track]
+    last = np.maximum(length - 1, 1)[tracks.track]
+    chosen: BoolArray = (position * slots) // last > ((position - 1) * slots) // last
+    return chosen | (position == 0)
+
+
+def _build(
+    cameras: Sequence[Camera],
+    tracks: Tracks,
+    evidence: Evidence,
+    values: gtsam.Values,
+    surfaces: IntArray,
+    observed: BoolArray,
+    weight: FloatArray,
+    config: EstimationConfig,
+) -> gtsam.NonlinearFactorGraph:
+    graph = gtsam.NonlinearFactorGraph()
+    noise = gtsam.noiseModel
+    pinholes = {int(f): _pinhole(cameras[f]) for f in np.unique(tracks.frame[observed])}
+    cauchy = noise.mEstimator.Cauchy.Create(config.observation_cauchy)
+    sigmas = config.sigma_observation_px / np.sqrt(np.maximum(weight, _NEGLIGIBLE))
+    models = [noise.Robust.Create(cauchy, noise.Isotropic.Sigma(2, sigma)) for sigma in sigmas]
+    for n, f, point_px in zip(
+        tracks.track[observed].tolist(), tracks.frame[observed].tolist(), tracks.points_px[observed], strict=True
+    ):
+        graph.add(gtsam.TriangulationFactorCal3_S2(pinholes[f], point_px, models[n], L(n), False, False))
+    # A track that its own observations contradict can leave for infinity: these keep the system regular.
+    leash = noise.Isotropic.Sigma(3, config.sigma_prior_point)
+    for n in np.unique(tracks.track[observed]).tolist():
+        graph.add(gtsam.PriorFactorPoint3(L(n), values.atPoint3(L(n)), leash))
+    prior_sigmas = [config.sigma_prior_normal, config.sigma_prior_normal, config.sigma_prior_d]
+    prior_noise = noise.Diagonal.Sigmas(np.array(prior_sigmas))
+    for s in surfaces:
+        members = np.nonzero((evidence.track_surface == s) & (weight > _NEGLIGIBLE))[0]
+        for batch in np.split(members, range(_BATCH, len(members), _BATCH)):
+            if len(batch):
+                keys = [L(int(n)) for n in batch]
+                graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
+        graph.add(plane_prior_factor(P(int(s)), values.atOrientedPlane3(P(int(s))).planeCoefficients(), prior_noise))
+    edge_noise = noise.Robust.Create(
+        noise.mEstimator.Cauchy.Create(config.edge_cauchy),
+        noise.Diagonal.Sigmas(np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])),
+    )
+    in_graph = set(surfaces.tolist())
+    for group in evidence.edges:
+        if in_graph.issuperset(group.surfaces):
+            a, b = group.surfaces
+            camera = group.camera
+            projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
+            graph.add(edge_factor((P(a), P(b)), group.representatives_px(), projection, edge_noise))
+    right_angle = noise.Isotropic.Sigma(1, config.sigma_perpendicularity)
+    for a, b in np.argwhere(np.triu(evidence.perpendicular)):
+        if in_graph.issuperset((int(a), int(b))):
+            graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
+    return graph
+
+
+def _pinhole(camera: Camera) -> gtsam.PinholeCameraCal3_S2:
+    K = camera.K
+    pose = gtsam.Pose3(gtsam.Rot3(camera.R_cam_from_world.T), camera.center_world)
+    return gtsam.PinholeCameraCal3_S2(pose, gtsam.Cal3_S2(K[0, 0], K[1, 1], K[0, 1], K[0, 2], K[1, 2]))
+
+
+def _values(
+    evidence: Evidence, planes: FloatArray, landmarks: FloatArray, surfaces: IntArray, used: IntArray
+) -> gtsam.Values:
+    """Planes as given; landmarks where they were, or else where their ray meets their plane."""
+    values = gtsam.Values()
+    for s in surfaces:
+        values.insert(P(int(s)), gtsam.OrientedPlane3(planes[s]))
+    rays = evidence.rays
+    plane = planes[evidence.track_surface[used]]
+    clearance = np.sum(plane[:, :3] * rays.center[used], axis=1) + plane[:, 3]
+    depth = -clearance / np.sum(plane[:, :3] * rays.ray[used], axis=1)
+    # A ray that misses its plane starts where it was triangulated.
+    depth = np.where((depth > 0.1 / rays.rho[used]) & (depth < 10 / rays.rho[used]), depth, 1 / rays.rho[used])
+    on_plane = rays.center[used] + depth[:, None] * rays.ray[used]
+    for n, point in zip(used.tolist(), np.where(np.isfinite(landmarks[used]), landmarks[used], on_plane), strict=True):
+        values.insertPoint3(L(n), point)
+    return values
+
+
+def _optimise(
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    surfaces: IntArray,
+    start: FloatArray,
+    config: EstimationConfig,
+    costs: list[float],
+    history: list[FloatArray],
+) -> gtsam.Values:
+    """Levenberg-Marquardt, one iteration at a time so that each can be looked at."""
+    params = gtsam.LevenbergMarquardtParams()
+    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
+    error = optimizer.error()
+    for _ in range(config.max_iterations):
+        optimizer.iterate()
+        costs.append(optimizer.error())
+        planes = np.full_like(start, np.nan)
+        for s in surfaces:
+            planes[s] = optimizer.values().atOrientedPlane3(P(int(s))).planeCoefficients()
+        history.append(planes)
+        if error - costs[-1] < config.relative_decrease * error:
+            break
+        error = costs[-1]
+    return optimizer.values()

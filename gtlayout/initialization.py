@@ -1,0 +1,145 @@
+"""Stage 4, first half: starting planes for all surfaces together.
+
+Fits of single elements fail where one has few tracks or mirrors its surroundings, and Levenberg-Marquardt does not get out of
+a wrong basin. So elements vouch for each other: they are placed one by one, best supported first, each at the best of many
+hypotheses drawn from its tracks, from contact edges with neighbours already placed, and from right angles; then every one
+is chosen again in the light of all others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.config import InitializationConfig
+from gtlayout.evidence import Evidence, Views
+from gtlayout.scene import FloatArray, IntArray
+
+
+def initial_planes(evidence: Evidence, depth_range: tuple[float, float], config: InitializationConfig, seed: int) -> FloatArray:
+    """(S, 4) planes in the local world, normals towards the cameras; NaN for a surface that nothing places."""
+    return _Search(evidence, depth_range, config, np.random.default_rng(seed)).run()
+
+
+@dataclass(frozen=True)
+class _Search:
+    evidence: Evidence
+    depth_range: tuple[float, float]
+    config: InitializationConfig
+    rng: np.random.Generator
+
+    def run(self) -> FloatArray:
+        evidence = self.evidence
+        count = len(evidence.views)
+        planes = np.full((count, 4), np.nan)
+        tracks = [self._take_part(surface) for surface in range(count)]
+        support = np.array([self._support(index) for index in tracks])
+        waiting = [surface for surface in range(count) if evidence.is_surface[surface]]
+        while waiting:
+            placed = np.isfinite(planes[:, 0])
+            joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.surfaces) for s in range(count)]
+            # A contact edge with something already placed is worth a few tracks.
+            surface = max(waiting, key=lambda s: support[s] + 3 * joined[s])
+            waiting.remove(surface)
+            planes[surface] = self._choose(surface, tracks[surface], planes)
+        for _ in range(self.config.sweeps):
+            before = planes.copy()
+            for surface in np.argsort(-support, kind="stable"):
+                if evidence.is_surface[surface]:
+                    planes[surface] = self._choose(int(surface), tracks[surface], planes)
+            if np.array_equal(before, planes, equal_nan=True):
+                break
+        return planes
+
+    def _take_part(self, surface: int) -> IntArray:
+        index = np.nonzero(self.evidence.track_surface == surface)[0]
+        return index[:: max(1, -(-len(index) // self.config.max_tracks))]
+
+    def _support(self, index: IntArray) -> float:
+        """Tracks counted by how well each knows its depth."""
+        relative = self.evidence.sigma_rho[index] / self.evidence.rays.rho[index]
+        return float(np.sum(np.clip(1.0 - 4 * relative, 0.0, 1.0)))
+
+    def _choose(self, surface: int, index: IntArray, planes: FloatArray) -> FloatArray:
+        """(4,) the cheapest hypothesis for one surface given the other planes; NaN when there is none."""
+        hypotheses = np.vstack([self._hypotheses(surface, index, planes), planes[surface][None]])
+        hypotheses = hypotheses[np.isfinite(hypotheses).all(axis=1)]
+        if len(hypotheses) == 0:
+            return np.full(4, np.nan)
+        hypotheses = face_cameras(hypotheses, self.evidence.views[surface])
+        chosen: FloatArray = hypotheses[np.argmin(self._cost(surface, index, hypotheses, planes))]
+        return chosen
+
+    def _cost(self, surface: int, index: IntArray, hypotheses: FloatArray, planes: FloatArray) -> FloatArray:
+        """(H,) cost of putting ``surface`` at each hypothesis while all others stay at ``planes`` (NaN = not placed)."""
+        config, evidence = self.config, self.evidence
+        depth = evidence.views[surface].depths(hypotheses)
+        absurd = (depth < self.depth_range[0]) | (depth > self.depth_range[1])
+        cost = config.absurd_weight * absurd.mean(axis=1)
+        if len(index):
+            capped = np.minimum((evidence.track_residuals(index, hypotheses) / config.track_cutoff) ** 2, 1.0)
+            cost += min(len(index), config.max_track_weight) * capped.mean(axis=1)
+        for group in evidence.edges:
+            if surface in group.surfaces and np.isfinite(planes[group.other(surface), 0]):
+                worst = np.abs(group.distances_px(hypotheses, planes[group.other(surface)])).max(axis=1)
+                cost += config.edge_weight * np.minimum((worst / config.edge_cutoff_px) ** 2, 1.0)
+        across = evidence.perpendicular[surface] & np.isfinite(planes[:, 0])
+        sine = hypotheses[:, :3] @ planes[across, :3].T
+        price = np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
+        total: FloatArray = cost + config.perpendicularity_weight * price
+        return total
+
+    def _hypotheses(self, surface: int, index: IntArray, planes: FloatArray) -> FloatArray:
+        """(H, 4) candidate planes, normals of either sign; rows may be NaN where a draw was degenerate."""
+        evidence, draws = self.evidence, self.config.draws
+        points = evidence.rays.points_world()[index]
+        # The better known depths are drawn more often.
+        confidence = evidence.rays.rho[index] / evidence.sigma_rho[index]
+        placed = np.isfinite(planes[:, 0])
+        lines = [
+            group.ends_on(planes[group.other(surface)])
+            for group in evidence.edges
+            if surface in group.surfaces and placed[group.other(surface)]
+        ]
+        across = planes[evidence.perpendicular[surface] & placed, :3]
+        candidates = [np.empty((0, 4))]
+        if len(points) >= 3:
+            a, b, c = points[self._draw(confidence, (3, draws))]
+            candidates.append(_through_points(a, b, c))
+        if len(points) >= 2 and len(across):
+            a, b = points[self._draw(confidence, (2, draws))]
+            candidates.append(_through_points(a, b, a + across[self.rng.integers(len(across), size=draws)]))
+        for start, end in lines:
+            if len(points):
+                third = points[self._draw(confidence, (self.config.draws_per_edge,))]
+                candidates.append(_through_points(start, end, third))
+            if len(across):
+                candidates.append(_through_points(start, end, start + across))
+        if len(lines) >= 2:
+            a, b, c = np.concatenate(lines)[self.rng.integers(2 * len(lines), size=(3, draws))]
+            candidates.append(_through_points(a, b, c))
+        if evidence.level[surface] and (len(points) or lines):
+            # A ceiling over a floor: the same normal, through anything that is known of it.
+            anchors = np.concatenate([points[:20], *lines])
+            for normal in planes[evidence.level & placed, :3]:
+                candidates.append(np.column_stack([np.tile(normal, (len(anchors), 1)), -anchors @ normal]))
+        return np.concatenate(candidates)
+
+    def _draw(self, weight: FloatArray, shape: tuple[int, ...]) -> IntArray:
+        return self.rng.choice(len(weight), size=shape, p=weight / weight.sum())
+
+
+def face_cameras(planes: FloatArray, views: Views) -> FloatArray:
+    """(H, 4) planes with normals turned to the side on which the cameras that draw the surface lie."""
+    side = np.median(planes[:, :3] @ views.center.T + planes[:, 3:], axis=1)
+    return planes * np.where(side < 0, -1.0, 1.0)[:, None]
+
+
+def _through_points(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
+    """(H, 4) planes through three points each; NaN where these are collinear."""
+    normal = np.atleast_2d(np.cross(b - a, c - a))
+    length = np.linalg.norm(normal, axis=1)
+    spread = np.linalg.norm(b - a, axis=-1) * np.linalg.norm(c - a, axis=-1)
+    normal = np.where((length > 1e-6 * spread)[:, None], normal / np.maximum(length, 1e-300)[:, None], np.nan)
+    return np.column_stack([normal, -np.sum(normal * a, axis=1)])
