@@ -1,0 +1,87 @@
+"""Reading JSON and writing files so that a reader never sees half of one."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gtlayout.errors import GtlayoutError
+
+
+def write_atomic(path: Path, content: bytes | str) -> None:
+    """Write ``content`` to ``path`` (text as UTF-8) through a temporary file beside it; makes the folder if absent.
+
+    Raises GtlayoutError when the folder or the disk does not take it; ``path`` is then as it was.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            temporary.unlink()
+        raise GtlayoutError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def write_json_atomic(path: Path, data: Any) -> None:
+    """Write ``data`` as JSON: keys in the order given, floats by repr, NaN and infinity as null, NumPy as lists.
+
+    The same data give the same bytes. Raises GtlayoutError as ``write_atomic`` does.
+    """
+    text = json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False)
+    # A point or a matrix row on one line: strings hold no raw newline, so only layout is touched.
+    text = re.sub(r"\[\n\s*([^\[\]{}]*?)\n\s*\]", lambda m: "[" + re.sub(r",\n\s*", ", ", m[1]) + "]", text)
+    write_atomic(path, text + "\n")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON file that holds an object. Raises GtlayoutError naming the file when it is absent or no such file."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise GtlayoutError(f"{path} must hold a JSON object, not a {type(data).__name__}")
+    return data
+
+
+def path_inside(root: Path, relative: str, where: str) -> Path:
+    """The file ``relative`` to the scene folder ``root``; links within it are the owner's business.
+
+    Raises GtlayoutError, beginning with ``where``, when the path is absolute or leads out of the folder.
+    """
+    parts: list[str] = []
+    for part in relative.replace("\\", "/").split("/"):
+        if part == ".." and not parts:
+            raise GtlayoutError(f"{where}: the path {relative} leads out of the scene folder")
+        if part == "..":
+            parts.pop()
+        elif part not in ("", "."):
+            parts.append(part)
+    if re.match(r"[/\\]|[A-Za-z]:", relative) or "\0" in relative or not parts:
+        raise GtlayoutError(f"{where}: the path {relative!r} must be relative to the scene folder")
+    return root.joinpath(*parts)
+
+
+def _plain(value: Any) -> Any:
+    """Plain lists, dicts and numbers that JSON can say."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
