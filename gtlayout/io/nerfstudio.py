@@ -1,0 +1,141 @@
+"""nerfstudio's ``transforms.json``: camera-to-world, OpenGL axes (x right, y up, z backward)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pycolmap
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import path_inside, read_json, write_json_atomic
+from gtlayout.io.sources import PosedImage, PosedImages, Reader
+from gtlayout.scene import FloatArray, Frame
+
+FILE_NAME = "transforms.json"
+OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
+PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+FISHEYE = "OPENCV_FISHEYE"
+EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
+MAX_ROTATION_ERROR = 1e-3
+"""|RᵀR - I| up to which a rotation counts as rounded, not wrong."""
+
+
+def read_transforms(root: Path, path: Path) -> PosedImages:
+    """Read ``transforms.json``: intrinsics global or per frame, all distortion coefficients but a perspective k4.
+
+    Rotations are made orthonormal. ``file_path`` is relative to the file and may lack its extension.
+    Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, not a rotation, or leads
+    out of the scene folder.
+    """
+    data = read_json(path)
+    entries = data.get("frames")
+    if not isinstance(entries, list) or not entries:
+        raise GtlayoutError(f"{path} has no frames")
+    return PosedImages(tuple(_posed_image(entry, i, data, root, path) for i, entry in enumerate(entries)))
+
+
+def write_transforms(path: Path, frames: Sequence[Frame]) -> None:
+    """Write the frames' pinhole cameras as ``transforms.json``; image paths are written relative to its folder.
+
+    Raises GtlayoutError when an image lies outside that folder or the file cannot be written.
+    """
+    intrinsics = [_intrinsics_of(frame) for frame in frames]
+    shared = intrinsics[0] if all(each == intrinsics[0] for each in intrinsics) else {}
+    entries = []
+    for frame, own in zip(frames, intrinsics, strict=True):
+        if not frame.image_path.is_relative_to(path.parent):
+            raise GtlayoutError(f"cannot write {path}: image {frame.image_path} lies outside its folder")
+        world_from_cam = np.eye(4)
+        world_from_cam[:3, :3] = frame.camera.R_cam_from_world.T @ OPENGL_FROM_OPENCV
+        world_from_cam[:3, 3] = frame.camera.center_world
+        entry = {"file_path": frame.image_path.relative_to(path.parent).as_posix(), "transform_matrix": world_from_cam}
+        entries.append(entry if shared else {**own, **entry})
+    write_json_atomic(path, {"camera_model": "PINHOLE", **shared, "frames": entries})
+
+
+def _posed_image(entry: Any, index: int, data: dict[str, Any], root: Path, path: Path) -> PosedImage:
+    if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str) or not entry["file_path"]:
+        raise GtlayoutError(f"{path}: frame number {index} has no file_path")
+    where = f"{path}: frame {entry['file_path']}"
+    image_path = path_inside(root, entry["file_path"], where)
+    image_path = next((p for e in EXTENSIONS if (p := image_path.with_name(image_path.name + e)).is_file()), image_path)
+    depth = entry.get("depth_file_path")
+    if depth is not None and not isinstance(depth, str):
+        raise GtlayoutError(f"{where}: depth_file_path must be a string")
+    images = root / "images"
+    return PosedImage(
+        name=image_path.relative_to(images if image_path.is_relative_to(images) else root).as_posix(),
+        image_path=image_path,
+        camera=_lens({**data, **entry}, where),
+        **_pose(entry.get("transform_matrix"), where),
+        depth_path=None if depth is None else path_inside(root, depth, where),
+    )
+
+
+def _lens(values: dict[str, Any], where: str) -> pycolmap.Camera:
+    def number(key: str, default: float | None = None) -> float:
+        value = values.get(key, default)
+        if value is None:
+            raise GtlayoutError(f"{where}: no {key}, neither for the frame nor for the file")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < math.inf:
+            raise GtlayoutError(f"{where}: {key} must be a finite number, not {value!r}")
+        return float(value)
+
+    fx, fy, width, height = (number(key) for key in ("fl_x", "fl_y", "w", "h"))
+    if min(fx, fy) <= 0 or min(width, height) < 2 or width % 1 or height % 1:
+        raise GtlayoutError(f"{where}: fl_x, fl_y, w and h must be positive, w and h whole numbers")
+    pinhole = [fx, fy, number("cx"), number("cy")]
+    k1, k2, k3, k4, p1, p2 = (number(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
+    model = values.get("camera_model", "OPENCV")
+    if model == FISHEYE:
+        distortion = [k1, k2, k3, k4]
+    elif model not in PERSPECTIVE:
+        known = ", ".join((*PERSPECTIVE, FISHEYE))
+        raise GtlayoutError(f"{where}: camera_model {model!r} is not supported; known are {known}")
+    elif k4:
+        # OpenCV's k4 is a denominator's coefficient, nerfstudio's the r⁸ term of a polynomial.
+        raise GtlayoutError(f"{where}: k4 is supported for {FISHEYE} only")
+    elif k3:
+        model, distortion = "FULL_OPENCV", [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    else:
+        # Whatever the model's name, coefficients that are given are meant.
+        model, distortion = "OPENCV", [k1, k2, p1, p2]
+    return pycolmap.Camera(model=model, width=int(width), height=int(height), params=pinhole + distortion)
+
+
+def _pose(value: Any, where: str) -> dict[str, FloatArray]:
+    """The rotation and translation of ``cam_from_world`` as keyword arguments of PosedImage."""
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        matrix = np.empty(0)
+    if matrix.shape not in ((4, 4), (3, 4)) or not np.all(np.isfinite(matrix)):
+        raise GtlayoutError(f"{where}: transform_matrix must be 4x4 (or 3x4) finite numbers")
+    rotation = matrix[:3, :3]
+    off = np.abs(rotation.T @ rotation - np.eye(3)).max()
+    if (
+        off > MAX_ROTATION_ERROR
+        or np.linalg.det(rotation) < 0
+        or (len(matrix) == 4 and tuple(matrix[3]) != (0, 0, 0, 1))
+    ):
+        raise GtlayoutError(f"{where}: transform_matrix is no rotation and translation (off by {off:.2g})")
+    u, _, vt = np.linalg.svd(rotation)
+    R_cam_from_world = (u @ vt @ OPENGL_FROM_OPENCV).T
+    return {"R_cam_from_world": R_cam_from_world, "t_cam_from_world": -R_cam_from_world @ matrix[:3, 3]}
+
+
+def _intrinsics_of(frame: Frame) -> dict[str, float]:
+    K, camera = frame.camera.K, frame.camera
+    focal_and_center = {"fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
+    return {**{key: float(value) for key, value in focal_and_center.items()}, "w": camera.width, "h": camera.height}
+
+
+def _detect(root: Path) -> list[Path]:
+    return [root / FILE_NAME] if (root / FILE_NAME).exists() else []
+
+
+READER = Reader("nerfstudio", FILE_NAME, _detect, read_transforms)
