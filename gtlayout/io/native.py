@@ -1,0 +1,143 @@
+"""The native annotation file ``annotations.json``, format ``gtlayout-annotations/1``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.io.sources import RawAnnotations, RawElement, RawKeyFrame, Reader
+from gtlayout.scene import FloatArray, Frame, KeyFrame
+
+FILE_NAME = "annotations.json"
+FORMAT = "gtlayout-annotations/1"
+MAX_PX = 1e6
+"""No image is that large: a coordinate beyond it is a slip."""
+
+
+def read_annotations(_root: Path, path: Path) -> RawAnnotations:
+    """Read the file; geometry is left as drawn.
+
+    Raises GtlayoutError naming file, frame and element for whatever has the wrong type or is not a finite number, and
+    for ids that occur twice in a frame.
+    """
+    data = read_json(path)
+    if data.get("format") != FORMAT:
+        raise GtlayoutError(f"{path}: format is {data.get('format')!r}, expected {FORMAT!r}")
+    size = _image_size(data.get("image_size"), path)
+    frames = _list(data, "frames", f"{path}", required=True)
+    return RawAnnotations(path, tuple(_key_frame(frame, i, size, path) for i, frame in enumerate(frames)))
+
+
+def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
+    """Write ``key_frames`` (indices into ``frames``), whose images must have one size.
+
+    A polygon with holes is written as several without: the format knows none, and readers unite them again.
+    Raises GtlayoutError when the sizes differ or the file cannot be written.
+    """
+    sizes = sorted({(frames[k.frame].camera.width, frames[k.frame].camera.height) for k in key_frames})
+    if len(sizes) > 1:
+        raise GtlayoutError(f"cannot write {path}: the key frames have different sizes: {sizes}")
+    entries = [
+        {
+            "image": frames[key_frame.frame].name,
+            "elements": [
+                {
+                    "id": element.id,
+                    "label": element.label,
+                    "polygons": _rings(element.amodal),
+                    "visible": _rings(element.visible),
+                }
+                for element in key_frame.elements
+            ],
+            "occlusion_edges": list(key_frame.occlusion_edges),
+        }
+        for key_frame in key_frames
+    ]
+    write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if sizes else None, "frames": entries})
+
+
+def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) -> RawKeyFrame:
+    if not isinstance(data, dict) or not isinstance(data.get("image"), str) or not data["image"]:
+        raise GtlayoutError(f"{path}: frame number {index} has no image name")
+    where = f"{path}: frame {data['image']}"
+    elements = tuple(_element(e, i, where) for i, e in enumerate(_list(data, "elements", where, required=True)))
+    ids = [element.id for element in elements]
+    twice = sorted({each for each in ids if ids.count(each) > 1})
+    if twice:
+        raise GtlayoutError(f"{where}: element id {twice[0]} occurs more than once; ids must be unique within a frame")
+    return RawKeyFrame(data["image"], elements, _polylines(data, "occlusion_edges", where), size)
+
+
+def _element(data: Any, index: int, where: str) -> RawElement:
+    if not isinstance(data, dict) or not isinstance(data.get("id"), str | int) or isinstance(data["id"], bool):
+        raise GtlayoutError(f"{where}: element number {index} has no id")
+    where = f"{where}, element {data['id']}"
+    if not isinstance(data.get("label"), str):
+        raise GtlayoutError(f"{where} has no label")
+    polygons = _polylines(data, "polygons", where, required=True)
+    return RawElement(str(data["id"]), data["label"], polygons, _polylines(data, "visible", where))
+
+
+def _polylines(data: dict[str, Any], key: str, where: str, *, required: bool = False) -> tuple[FloatArray, ...]:
+    return tuple(
+        _points(line, f"{where}: {key}[{i}]") for i, line in enumerate(_list(data, key, where, required=required))
+    )
+
+
+def _list(data: dict[str, Any], key: str, where: str, *, required: bool = False) -> list[Any]:
+    value = data.get(key, None if required else [])
+    if not isinstance(value, list):
+        raise GtlayoutError(f"{where}: {key} must be a list" + ("" if key in data else ", it is missing"))
+    return value
+
+
+def _points(value: Any, where: str) -> FloatArray:
+    """(N, 2) from a list of [x, y]."""
+    if not isinstance(value, list) or not all(
+        isinstance(p, list) and len(p) == 2 and all(map(_is_px, p)) for p in value
+    ):
+        raise GtlayoutError(f"{where} must be a list of [x, y] in pixels, all of them finite numbers")
+    return np.array(value, dtype=np.float64).reshape(-1, 2)
+
+
+def _is_px(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PX
+
+
+def _image_size(value: Any, path: Path) -> tuple[int, int] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or len(value) != 2 or not all(type(v) is int and 0 < v <= MAX_PX for v in value):
+        raise GtlayoutError(f"{path}: image_size must be [width, height] in pixels, not {value!r}")
+    return value[0], value[1]
+
+
+def _rings(region: MultiPolygon) -> list[FloatArray]:
+    """Outer rings, without the closing point, of pieces without holes."""
+    pieces = [piece for polygon in region.geoms for piece in _without_holes(polygon)]
+    return [np.array(piece.exterior.coords)[:-1] for piece in pieces]
+
+
+def _without_holes(polygon: Polygon) -> Iterable[Polygon]:
+    """Cut through the first hole from top to bottom until none is left."""
+    if not polygon.interiors:
+        return [polygon]
+    x_min, y_min, x_max, y_max = polygon.bounds
+    x_cut = polygon.interiors[0].centroid.x
+    halves = (polygon & shapely.box(x_min, y_min, x_cut, y_max), polygon & shapely.box(x_cut, y_min, x_max, y_max))
+    parts = [part for half in halves for part in shapely.get_parts(half) if isinstance(part, Polygon)]
+    return [piece for part in parts for piece in _without_holes(part)]
+
+
+def _detect(root: Path) -> list[Path]:
+    return [root / FILE_NAME] if (root / FILE_NAME).exists() else []
+
+
+READER = Reader("native", FILE_NAME, _detect, read_annotations)

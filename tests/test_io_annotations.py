@@ -1,0 +1,138 @@
+"""The native annotation file: round trip, what is repaired, what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io import load_scene
+from gtlayout.io.native import write_annotations
+from gtlayout.scene import Element, KeyFrame
+
+Edit = Callable[[Path, Callable[[Any], object]], None]
+
+
+@pytest.mark.parametrize(
+    ("polygons", "area", "says"),
+    [
+        ([[[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]], 100, None),  # closed: fine
+        ([[[0, 0], [10, 0], [10, 10], [0, 10]], [[5, 0], [20, 0], [20, 10], [5, 10]]], 200, None),  # overlap
+        ([[[0, 0], [20, 20], [20, 0], [0, 20]]], 200, "self-crossing polygon repaired"),
+        ([[[0, 0], [64.8, 0], [64.8, 10], [0, 10]]], 640, None),  # rounding
+        ([[[-10, -10], [10, -10], [10, 10], [-10, 10]]], 100, "1 polygons reach beyond the image"),
+        ([[[0, 0], [10, 0]], [[0, 0], [10, 0], [10, 10]]], 50, "element e0: polygon with fewer than 3 points dropped"),
+        ([[[0, 0], [10, 0], [0, 0]], [[0, 0], [10, 0], [10, 10]]], 50, "fewer than 3 points"),
+        ([[[0, 0], [10, 0], [20, 0]], [[0, 0], [10, 0], [10, 10]]], 50, "polygon without area dropped"),
+        ([[[70, 0], [80, 0], [80, 9]], [[0, 0], [10, 0], [10, 10]]], 50, "polygon off the image dropped"),
+    ],
+)
+def test_polygons_are_repaired(tiny: Path, edit_json: Edit, polygons: Any, area: float, says: str | None) -> None:
+    edit_json(tiny / "annotations.json", lambda d: d["frames"][0]["elements"][0].update(polygons=polygons))
+    scene = load_scene(tiny)
+    element = scene.key_frames[0].elements[0]
+    assert element.amodal.is_valid
+    assert element.amodal.area == pytest.approx(area)
+    assert len(scene.warnings) == (says is not None)
+    if says is not None:
+        assert says in scene.warnings[0]
+
+
+def test_hopeless_elements_are_dropped(tiny: Path, edit_json: Edit) -> None:
+    def change(data: Any) -> None:
+        good = data["frames"][0]["elements"][0]
+        data["frames"][0]["elements"] += [
+            {**good, "id": "off", "polygons": [[[70, 0], [80, 0], [80, 9]]]},
+            {**good, "id": "c1", "label": "cupboard"},
+            {**good, "id": "c2", "label": "cupboard"},
+        ]
+        data["frames"].append({"image": "004.png", "elements": []})
+
+    edit_json(tiny / "annotations.json", change)
+    scene = load_scene(tiny)
+    assert [len(key.elements) for key in scene.key_frames] == [1, 1]
+    text = "\n".join(scene.warnings)
+    assert "annotations.json: 2 elements with unknown label 'cupboard' dropped" in text
+    assert "001.png, element off: no polygon left within the image" in text
+    assert "004.png: no element annotated" in text
+
+
+def test_occlusion_edges_are_clipped(tiny: Path, edit_json: Edit) -> None:
+    lines = [[[10, -10], [10, 20]], [[1, 1], [5, 5], [9, 1]], [[3, 3]], [[70, 0], [80, 0]]]
+    edit_json(tiny / "annotations.json", lambda d: d["frames"][0].update(occlusion_edges=lines))
+    scene = load_scene(tiny)
+    clipped, kept = scene.key_frames[0].occlusion_edges
+    assert sorted(clipped.tolist()) == [[10, 0], [10, 20]]
+    assert kept.tolist() == lines[1]
+    assert scene.warnings == ("001.png: occlusion edge with fewer than 2 points dropped",)
+
+
+def _element(data: Any) -> Any:
+    return data["frames"][0]["elements"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.update(format="coco"), "format is 'coco', expected"),
+        (lambda d: d.update(frames={}), "annotations.json: frames must be a list"),
+        (lambda d: d.update(frames=[]), "no usable element"),
+        (lambda d: [f.update(elements=[]) for f in d["frames"]], "no usable element"),
+        (lambda d: d.update(image_size=[128, 96]), "image_size is 128x96 but the camera of 001.png says 64x48"),
+        (lambda d: d.update(image_size=[64]), "image_size must be"),
+        (lambda d: d["frames"][0].pop("image"), "frame number 0 has no image name"),
+        (lambda d: d["frames"][0].update(image="777.png"), "annotated image 777.png has no camera"),
+        (lambda d: d["frames"][0].update(image="003.png"), "image 003.png is annotated twice"),
+        (lambda d: d["frames"][0].update(elements=None), "frame 001.png: elements must be a list"),
+        (lambda d: _element(d).pop("id"), "frame 001.png: element number 0 has no id"),
+        (lambda d: _element(d).update(label=3), "frame 001.png, element e0 has no label"),
+        (lambda d: _element(d).pop("polygons"), "element e0: polygons must be a list, it is missing"),
+        (
+            lambda d: _element(d).update(polygons=[[[0, 0], [1]]]),
+            r"element e0: polygons\[0\] must be a list of \[x, y\]",
+        ),
+        (lambda d: _element(d).update(polygons=[[[0, "1"]]]), r"element e0: polygons\[0\]"),
+        (lambda d: _element(d).update(visible=[[[0, float("nan")]]]), r"element e0: visible\[0\] .*finite"),
+        (lambda d: _element(d).update(visible=[[[0, 10**400]]]), r"element e0: visible\[0\]"),
+        (lambda d: d["frames"][0].update(occlusion_edges=[1]), r"frame 001.png: occlusion_edges\[0\]"),
+        (
+            lambda d: d["frames"][0]["elements"].append(_element(d)),
+            "frame 001.png: element id e0 occurs more than once",
+        ),
+    ],
+)
+def test_bad_annotations(tiny: Path, edit_json: Edit, change: Callable[[Any], object], says: str) -> None:
+    edit_json(tiny / "annotations.json", change)
+    with pytest.raises(GtlayoutError, match=says) as caught:
+        load_scene(tiny)
+    assert "\n" not in str(caught.value)
+    assert "annotations.json" in str(caught.value)
+
+
+def test_written_annotations_read_back(tiny: Path) -> None:
+    hole = shapely.box(20, 20, 30, 30).exterior.coords
+    with_holes = MultiPolygon([Polygon(shapely.box(5, 5, 60, 40).exterior.coords, [hole])])
+    apart = MultiPolygon([shapely.box(0, 0, 10.125, 10), shapely.box(20, 20, 30, 30.1)])
+    elements = (Element("a", "wall", with_holes, apart), Element("b", "floor", apart, MultiPolygon()))
+    edge = np.array([[0.0, 0.0], [10.5, 20.25]])
+    before = load_scene(tiny)
+    path = tiny / "annotations.json"
+    write_annotations(path, before.frames, [KeyFrame(2, elements, (edge,))])
+    first_bytes = path.read_bytes()
+    after = load_scene(tiny)
+    assert after.warnings == ()
+    assert len(after.key_frames) == 1
+    assert after.key_frames[0].frame == 2
+    assert after.key_frames[0].occlusion_edges[0].tolist() == edge.tolist()
+    for read, written in zip(after.key_frames[0].elements, elements, strict=True):
+        assert (read.id, read.label) == (written.id, written.label)
+        assert (read.amodal ^ written.amodal).area == pytest.approx(0, abs=1e-9)
+        assert (read.visible ^ written.visible).area == pytest.approx(0, abs=1e-9)
+    write_annotations(path, before.frames, [KeyFrame(2, elements, (edge,))])
+    assert path.read_bytes() == first_bytes
