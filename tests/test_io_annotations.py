@@ -25,6 +25,8 @@ Edit = Callable[[Path, Callable[[Any], object]], None]
         ([[[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]], 100, None),  # closed: fine
         ([[[0, 0], [10, 0], [10, 10], [0, 10]], [[5, 0], [20, 0], [20, 10], [5, 10]]], 200, None),  # overlap
         ([[[0, 0], [20, 20], [20, 0], [0, 20]]], 200, "self-crossing polygon repaired"),
+        # covers the square from (10, 10) to (20, 20) twice
+        ([[[0, 10], [30, 10], [30, 30], [10, 30], [10, 0], [20, 0], [20, 20], [0, 20]]], 600, "self-crossing"),
         ([[[0, 0], [64.8, 0], [64.8, 10], [0, 10]]], 640, None),  # rounding
         ([[[-10, -10], [10, -10], [10, 10], [-10, 10]]], 100, "1 polygons reach beyond the image"),
         ([[[0, 0], [10, 0]], [[0, 0], [10, 0], [10, 10]]], 50, "element e0: polygon with fewer than 3 points dropped"),
