@@ -21,6 +21,10 @@ class TrackingConfig:
     """Window of the corner measure."""
     border_px: float = 3.0
     """Margin kept from the rim of a visible part and of the image."""
+    sigma_px: float = 1.0
+    """Noise of a point with good texture: matching, camera and rolling-shutter errors together."""
+    weak_texture: float = 5e-5
+    """Smaller eigenvalue of the structure tensor (grey values in 0..1) at which image noise adds as much as a pixel."""
     max_frames: int = 40
     """How far a point is followed each way."""
     min_observations: int = 3
@@ -40,8 +44,31 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True)
+class TriangulationConfig:
+    """Depths of the tracks, between stages 1 and 2."""
+
+    cauchy: float = 2.0
+    """Robust scale, in σ of an observation."""
+    depth_range_m: tuple[float, float] = (0.15, 30.0)
+    """Nearest and farthest depth in a metric scene."""
+    depth_range_in_paths: tuple[float, float] = (0.02, 1000.0)
+    """The same without a unit, in lengths of the camera's path."""
+
+
+@dataclass(frozen=True)
 class CorrespondenceConfig:
     """Stage 2."""
+
+    min_votes: float = 3.0
+    """Two elements become one instance from so many tracks on."""
+    carried_weight: float = 8.0
+    """What it counts, in tracks, that all of an element lands on another with the depth of the tracks around it."""
+    carried_points: int = 40
+    """Points spread over an element for that."""
+    depth_neighbours: int = 8
+    """Tracks whose median depth such a point takes."""
+    max_relative_sigma: float = 0.15
+    """Tracks whose depth is known less well than this share of it do not lend it."""
 
 
 @dataclass(frozen=True)
@@ -95,16 +122,10 @@ class EstimationConfig:
     """Stage 4: noise model. Lengths are metres, or 1/2.5 of the median depth when the scene is not metric."""
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
-    nearest: float = 0.15
-    """Nearest depth a point may have."""
-    farthest: float = 30.0
-    """Farthest depth a point may have."""
-    triangulation_cauchy_px: float = 2.0
-    """Robust scale of triangulation."""
+    depth_range: tuple[float, float] = (0.15, 30.0)
+    """Depths at which an element may be seen."""
     relative_depth_sigma: float = 0.02
     """Camera and tracking errors that all points of an element share, as a share of depth."""
-    sigma_observation_px: float = 1.0
-    """Noise of a tracked point."""
     observation_cauchy: float = 1.0
     """Robust scale of an observation, in σ."""
     sigma_surface: float = 0.01
@@ -119,16 +140,18 @@ class EstimationConfig:
     """Share of sampled points that survive tracking from which on a surface is trusted fully; glossy ones keep 0.02."""
     full_tracks: float = 20.0
     """Tracks from which on a surface is trusted fully."""
-    max_track_weight: float = 60.0
+    max_track_weight: float = 200.0
     """Sum of the weights of an element's tracks."""
-    sigma_edge_shift_px: float = 2.0
+    sigma_edge_shift_px: float = 1.6
     """Shift of an annotated edge as a whole."""
-    sigma_edge_tilt_px: float = 0.8
+    sigma_edge_tilt_px: float = 0.6
     """Tilt of an annotated edge: half the difference of its two representative points."""
-    edge_cauchy: float = 4.9
+    edge_cauchy: float = 6.3
     """Robust scale of an edge, in σ."""
     sigma_perpendicularity: float = 0.1
     """Deviation from a right angle, radians."""
+    right_angle_reach: float = 0.25
+    """sin of the deviation up to which two walls are taken to be meant at a right angle."""
     sigma_prior_d: float = 100.0
     """Weak prior: keeps an undetermined plane solvable; its σ then says so."""
     sigma_prior_point: float = 10.0
@@ -182,6 +205,7 @@ class Config:
     """All stages."""
 
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
     correspondence: CorrespondenceConfig = field(default_factory=CorrespondenceConfig)
     edges: EdgeConfig = field(default_factory=EdgeConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)

@@ -33,7 +33,9 @@ def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfi
     """
     edges = []
     for k, key_frame in enumerate(scene.key_frames):
-        members = {element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k}
+        members = {
+            element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k
+        }
         camera = scene.frame_of(k).camera
         excluded = _no_contact(key_frame, camera, config)
         for a, b in combinations(sorted(members), 2):

@@ -19,7 +19,7 @@ from gtlayout.initialization import initial_planes
 from gtlayout.layout import Instance, Plane
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
+from gtlayout.triangulation import Rays, camera_path
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,7 @@ class Estimate:
 def estimate(
     scene: Scene,
     tracks: Tracks,
+    rays: Rays,
     track_instance: IntArray,
     instances: Sequence[Instance],
     edges: Sequence[ContactEdge],
@@ -64,15 +65,13 @@ def estimate(
         GtlayoutError: no plane at all can be determined (the camera does not move, or nothing was tracked).
     """
     names = ", ".join(instance.name for instance in instances)
-    depth_range = _depth_range(scene, config)
-    if depth_range is None:
+    if camera_path(scene) == 0.0:
         raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
     if len(tracks) == 0:
         raise GtlayoutError(f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}")
-    rays = triangulate(scene, tracks, config.sigma_observation_px, config.triangulation_cauchy_px, depth_range)
     local = Normalisation.of(rays, scene.metric)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
-    start = initial_planes(evidence, (config.nearest, config.farthest), config.initialization, seed)
+    start = initial_planes(evidence, config.depth_range, config.initialization, seed)
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution = solve(cameras, tracks, evidence, start, config)
 
@@ -97,15 +96,6 @@ def estimate(
             for cost, at in zip(solution.costs, solution.history[1:], strict=True)
         ),
     )
-
-
-def _depth_range(scene: Scene, config: EstimationConfig) -> tuple[float, float] | None:
-    """Depths that points may have, world unit; None when the camera does not move."""
-    centers = np.array([frame.camera.center_world for frame in scene.frames])
-    path = float(np.linalg.norm(np.ptp(centers, axis=0)))
-    if path < 1e-6 * max(1.0, float(np.abs(centers).max())):
-        return None
-    return (config.nearest, config.farthest) if scene.metric else (0.02 * path, 1000 * path)
 
 
 def _relative_depth_sigma(evidence: Evidence, solution: Solution, surface: int) -> float:

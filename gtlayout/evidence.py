@@ -32,7 +32,9 @@ class Normalisation:
     @classmethod
     def of(cls, rays: Rays, metric: bool) -> Normalisation:
         """Origin amid the points; scale 1 when the scene is metric."""
-        return cls(np.median(rays.points_world(), axis=0), 1.0 if metric else TYPICAL_DEPTH * float(np.median(rays.rho)))
+        return cls(
+            np.median(rays.points_world(), axis=0), 1.0 if metric else TYPICAL_DEPTH * float(np.median(rays.rho))
+        )
 
     def camera(self, camera: Camera) -> Camera:
         """The same camera in the local world."""
@@ -123,9 +125,11 @@ class Evidence:
     """(N,) how far each track is trusted before its residual is known, in [0, 1]."""
     edges: tuple[EdgeGroup, ...]
     perpendicular: BoolArray
-    """(S, S) whether two surfaces should be at right angles."""
+    """(S, S) whether two surfaces should be at right angles: walls and floors or ceilings."""
     level: BoolArray
     """(S,) floors and ceilings."""
+    wall: BoolArray
+    """(S,) walls."""
     views: tuple[Views, ...]
     is_surface: BoolArray
     """(S,) False for openings that lie in their host's plane: surfaces share the instances' numbers."""
@@ -166,6 +170,7 @@ def gather(
         edges=_edge_groups(edges, surface_of, key_cameras),
         perpendicular=across | across.T,
         level=level,
+        wall=wall,
         views=tuple(_views(scene, instance, key_cameras) for instance in instances),
         is_surface=surface_of == np.arange(len(instances)),
     )
@@ -174,7 +179,10 @@ def gather(
 def _prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> IntArray:
     """Tracks sampled on an amodal polygon (furniture, as likely as not) count only where a surface has no others."""
     drawn = np.array(
-        [not scene.key_frames[k].elements[e].visible.is_empty for k, e in zip(tracks.key_frame, tracks.element, strict=True)],
+        [
+            not scene.key_frames[k].elements[e].visible.is_empty
+            for k, e in zip(tracks.key_frame, tracks.element, strict=True)
+        ],
         dtype=bool,
     )
     with_visible = np.unique(track_surface[drawn])
@@ -242,4 +250,6 @@ def _views(scene: Scene, instance: Instance, key_cameras: Sequence[Camera]) -> V
 
 def _inner_points(region: MultiPolygon) -> FloatArray:
     parts = [get_coordinates(polygon.exterior)[:-1] for polygon in region.geoms]
-    return np.concatenate([np.empty((0, 2)), *(p.mean(axis=0) + s * (p - p.mean(axis=0)) for p in parts for s in (0.5, 0.9))])
+    return np.concatenate(
+        [np.empty((0, 2)), *(p.mean(axis=0) + s * (p - p.mean(axis=0)) for p in parts for s in (0.5, 0.9))]
+    )

@@ -48,6 +48,7 @@ def solve(
     kernel on a factor cannot do that, because a track is many factors.
     """
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
+    right_angles = _right_angles(evidence, start, config)
     observed = _spread_observations(tracks, config.max_observations)
     planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
     costs: list[float] = []
@@ -56,7 +57,8 @@ def solve(
         robust, weight = _track_weights(evidence, planes, config)
         used = weight > _NEGLIGIBLE
         values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0])
-        graph = _build(cameras, tracks, evidence, values, surfaces, observed & used[tracks.track], weight, config)
+        seen = observed & used[tracks.track]
+        graph = _build(cameras, tracks, evidence, values, surfaces, right_angles, seen, weight, config)
         values = _optimise(graph, values, surfaces, start, config, costs, history)
         before, planes = planes, history[-1].copy()
         landmarks[:] = np.nan
@@ -72,6 +74,16 @@ def solve(
         tangent[3, 2] = 1.0
         covariances[s] = tangent @ marginals.marginalCovariance(P(int(s))) @ tangent.T
     return Solution(planes, covariances, landmarks, robust, tuple(costs), tuple(history))
+
+
+def _right_angles(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> IntArray:
+    """(R, 2) surfaces to hold at right angles: walls to floor and ceiling (paper 3.3), and walls that nearly are already.
+
+    The paper has no such term between walls; a weak one steadies those that little else holds, and odd angles escape it.
+    """
+    sine = np.abs(planes[:, :3] @ planes[:, :3].T)
+    walls = np.outer(evidence.wall, evidence.wall) & (sine < config.right_angle_reach)
+    return np.argwhere(np.triu(np.isfinite(sine) & (evidence.perpendicular | walls)))
 
 
 def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
@@ -105,6 +117,7 @@ def _build(
     evidence: Evidence,
     values: gtsam.Values,
     surfaces: IntArray,
+    right_angles: IntArray,
     observed: BoolArray,
     weight: FloatArray,
     config: EstimationConfig,
@@ -113,7 +126,7 @@ def _build(
     noise = gtsam.noiseModel
     pinholes = {int(f): _pinhole(cameras[f]) for f in np.unique(tracks.frame[observed])}
     cauchy = noise.mEstimator.Cauchy.Create(config.observation_cauchy)
-    sigmas = config.sigma_observation_px / np.sqrt(np.maximum(weight, _NEGLIGIBLE))
+    sigmas = tracks.sigma_px / np.sqrt(np.maximum(weight, _NEGLIGIBLE))
     models = [noise.Robust.Create(cauchy, noise.Isotropic.Sigma(2, sigma)) for sigma in sigmas]
     for n, f, point_px in zip(
         tracks.track[observed].tolist(), tracks.frame[observed].tolist(), tracks.points_px[observed], strict=True
@@ -144,9 +157,8 @@ def _build(
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
             graph.add(edge_factor((P(a), P(b)), group.representatives_px(), projection, edge_noise))
     right_angle = noise.Isotropic.Sigma(1, config.sigma_perpendicularity)
-    for a, b in np.argwhere(np.triu(evidence.perpendicular)):
-        if in_graph.issuperset((int(a), int(b))):
-            graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
+    for a, b in right_angles:
+        graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
     return graph
 
 

@@ -17,7 +17,9 @@ from gtlayout.evidence import Evidence, Views
 from gtlayout.scene import FloatArray, IntArray
 
 
-def initial_planes(evidence: Evidence, depth_range: tuple[float, float], config: InitializationConfig, seed: int) -> FloatArray:
+def initial_planes(
+    evidence: Evidence, depth_range: tuple[float, float], config: InitializationConfig, seed: int
+) -> FloatArray:
     """(S, 4) planes in the local world, normals towards the cameras; NaN for a surface that nothing places."""
     return _Search(evidence, depth_range, config, np.random.default_rng(seed)).run()
 

@@ -35,6 +35,8 @@ class Tracks:
     """(M,) index into ``Scene.frames``."""
     points_px: FloatArray
     """(M, 2) position."""
+    sigma_px: FloatArray
+    """(N,) noise to expect of a point's positions: weak texture is matched less well."""
     tried: tuple[IntArray, ...]
     """Per key frame, (elements,) how many points were sampled on each element; few that survive mean a poor surface."""
     unreadable: tuple[str, ...] = ()
@@ -93,7 +95,7 @@ def track(
     tracker = tracker or KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
     images = _ImageCache(scene, 2 * config.max_frames + 2)
     sampler = qmc.Sobol(d=2, seed=seed)
-    key_frames, elements, tried = [], [], []
+    key_frames, elements, sigmas, tried = [], [], [], []
     tracks, frames, points = [], [], []
     count = 0
     for k, key_frame in enumerate(scene.key_frames):
@@ -117,6 +119,7 @@ def track(
         frames.append(frame[use])
         points.append(position[use])
         key_frames.append(np.full(int(kept.sum()), k))
+        sigmas.append(texture_sigma_px(image, start[kept], config))
         elements.append(np.repeat(np.arange(len(per_element)), [len(p) for p in per_element])[kept])
     progress(len(scene.key_frames), len(scene.key_frames))
     track_index, frame_index = np.concatenate(tracks), np.concatenate(frames)
@@ -127,6 +130,7 @@ def track(
         track=track_index[order],
         frame=frame_index[order],
         points_px=np.concatenate(points)[order],
+        sigma_px=np.concatenate(sigmas),
         tried=tuple(tried),
         unreadable=images.unreadable,
     )
@@ -171,6 +175,14 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     sizes = np.bincount(cell, minlength=len(seeds))
     rank = np.arange(len(cell)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     return corners_px[np.sort(order[rank < config.corners_per_cell])]
+
+
+def texture_sigma_px(image: ImageArray, points_px: FloatArray, config: TrackingConfig) -> FloatArray:
+    """(N,) σ of a match at each point: what calibration leaves, and image noise over the weaker gradient of the patch."""
+    strength = cv2.cornerMinEigenVal(image, config.corner_block_px)
+    column, row = np.floor(points_px).astype(int).T
+    weaker_gradient = np.maximum(strength[row, column].astype(np.float64), 1e-12)
+    return np.sqrt(config.sigma_px**2 + config.weak_texture / weaker_gradient)
 
 
 def infinite_homography(source: Camera, target: Camera) -> FloatArray:

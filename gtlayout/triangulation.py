@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gtlayout.config import TriangulationConfig
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 
@@ -23,24 +24,20 @@ class Rays:
     rho: FloatArray
     """(N,) inverse depth, 1 / world unit."""
     sigma_rho: FloatArray
-    """(N,) its σ for observations off by ``sigma_px``; large at low parallax."""
+    """(N,) its σ for independent observations; large at low parallax."""
 
     def points_world(self) -> FloatArray:
         """(N, 3) the triangulated points."""
         return self.center + self.ray / self.rho[:, None]
 
 
-def triangulate(scene: Scene, tracks: Tracks, sigma_px: float, cauchy_px: float, depth_range: tuple[float, float]) -> Rays:
+def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Rays:
     """Minimise a Cauchy loss of the reprojection errors over inverse depth, for all tracks at once.
 
     The key frame's own point defines the ray. A grid over inverse depth finds the right basin (a slide or a repeated pattern
     makes several), Gauss-Newton on the re-weighted residuals polishes it.
-
-    Args:
-        sigma_px: noise of an observation that is no outlier.
-        cauchy_px: scale of the loss.
-        depth_range: nearest and farthest depth considered, world unit.
     """
+    depth_range = _depth_range(scene, config)
     key_camera_of = [scene.frame_of(k).camera for k in range(len(scene.key_frames))]
     first = np.searchsorted(tracks.track, np.arange(len(tracks)))
     at_key = np.array([key_frame.frame for key_frame in scene.key_frames])[tracks.key_frame]
@@ -54,15 +51,31 @@ def triangulate(scene: Scene, tracks: Tracks, sigma_px: float, cauchy_px: float,
         ray[sampled] = camera.rays_world(key_px[sampled])
 
     far, slope = _projection(scene, tracks, center, ray)
-    rho = _best_on_grid(tracks, far, slope, cauchy_px, first, depth_range)
+    rho = _best_on_grid(tracks, far, slope, config.cauchy * tracks.sigma_px[tracks.track], first, depth_range)
+    sigma_px = tracks.sigma_px[tracks.track]
     for _ in range(10):
         residual, jacobian = _reprojection(tracks, far, slope, rho[tracks.track])
-        weight = 1.0 / (1.0 + np.sum(residual**2, axis=1) / cauchy_px**2)
+        weight = 1.0 / (1.0 + np.sum(residual**2, axis=1) / (config.cauchy * sigma_px) ** 2)
         gradient = np.add.reduceat(weight * np.sum(residual * jacobian, axis=1), first)
         curvature = np.add.reduceat(weight * np.sum(jacobian**2, axis=1), first)
         step = gradient / np.maximum(curvature, 1e-12)
         rho = np.clip(rho - step, 1.0 / depth_range[1], 1.0 / depth_range[0])
-    return Rays(center, ray, key_px, rho, sigma_px / np.sqrt(np.maximum(curvature, 1e-12)))
+    return Rays(center, ray, key_px, rho, tracks.sigma_px / np.sqrt(np.maximum(curvature, 1e-12)))
+
+
+def camera_path(scene: Scene) -> float:
+    """Diagonal of the box that holds all camera centres, world unit; 0 when the camera does not move."""
+    centers = np.array([frame.camera.center_world for frame in scene.frames])
+    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
+    return extent if extent > 1e-9 * float(np.abs(centers).max()) else 0.0
+
+
+def _depth_range(scene: Scene, config: TriangulationConfig) -> tuple[float, float]:
+    """Depths that points may have: metres where the scene has a unit, else multiples of the camera's path."""
+    if scene.metric:
+        return config.depth_range_m
+    path = camera_path(scene) or 1.0
+    return config.depth_range_in_paths[0] * path, config.depth_range_in_paths[1] * path
 
 
 def _projection(scene: Scene, tracks: Tracks, center: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -77,9 +90,7 @@ def _projection(scene: Scene, tracks: Tracks, center: FloatArray, ray: FloatArra
     return far, slope
 
 
-def _reprojection(
-    tracks: Tracks, far: FloatArray, slope: FloatArray, rho: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _reprojection(tracks: Tracks, far: FloatArray, slope: FloatArray, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(M, 2) residuals in px and their (M, 2) derivatives with respect to ρ."""
     homogeneous = far + rho[:, None] * slope
     depth = np.where(np.abs(homogeneous[:, 2:]) < 1e-9, 1e-9, homogeneous[:, 2:])
@@ -91,7 +102,7 @@ def _best_on_grid(
     tracks: Tracks,
     far: FloatArray,
     slope: FloatArray,
-    cauchy_px: float,
+    cauchy_px: FloatArray,
     first: IntArray,
     depth_range: tuple[float, float],
 ) -> FloatArray:

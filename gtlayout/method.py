@@ -1,0 +1,112 @@
+"""The method: seven stages, in order. It reads like section 3 of the paper.
+
+"Estimating Generic 3D Room Structures from 2D Annotations", Rozumnyi et al., NeurIPS 2023, with its optimisation recast
+as one factor graph.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gtlayout.config import Config
+from gtlayout.correspondence import correspond
+from gtlayout.edges import ContactEdge, contact_edges
+from gtlayout.estimation import Estimate, estimate
+from gtlayout.extent import compute_extents
+from gtlayout.layout import Layout
+from gtlayout.mesh import build_mesh
+from gtlayout.quality import Quality, assess
+from gtlayout.scene import IntArray, Scene
+from gtlayout.tracking import Tracks, track
+from gtlayout.triangulation import triangulate
+from gtlayout.visualize import Observer
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The layout and what led to it."""
+
+    layout: Layout
+    quality: Quality
+    tracks: Tracks
+    track_instance: IntArray
+    """(N,) instance of each track, -1 = none."""
+    edges: tuple[ContactEdge, ...]
+    estimate: Estimate
+    timings_s: dict[str, float]
+    """Seconds of each stage, all restarts together."""
+
+
+@dataclass
+class _Stages:
+    """Announces stages and adds up the time each takes."""
+
+    observer: Observer
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        self.observer.stage(name)
+        start = time.perf_counter()
+        yield
+        self.timings_s[name] = self.timings_s.get(name, 0.0) + time.perf_counter() - start
+
+
+def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Solution:
+    """Reconstruct the room of ``scene``.
+
+    ``config.restarts`` solves are made from the same tracks and the one with the best reprojection IoU is kept
+    (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them.
+
+    Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
+    """
+    observer = observer or Observer()
+    stage = _Stages(observer)
+    observer.scene(scene)
+
+    with stage("tracking"):
+        tracks = track(scene, config.tracking, config.seed, observer.progress)
+        rays = triangulate(scene, tracks, config.triangulation)
+    observer.tracks(tracks)
+
+    with stage("correspondence"):
+        instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
+    observer.instances(instances, track_instance)
+
+    with stage("edges"):
+        edges = contact_edges(scene, instances, config.edges)
+    observer.edges(edges)
+
+    def run(restart: int) -> Solution:
+        chosen = _choose(track_instance, config, restart)
+        with stage("estimation"):
+            solved = estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
+        with stage("extents"):
+            extents = compute_extents(scene, instances, solved.planes, edges, config.extent)
+        with stage("mesh"):
+            mesh = build_mesh(instances, solved.planes, extents)
+        with stage("quality"):
+            quality = assess(scene, instances, solved.planes, extents, config.quality)
+        layout = Layout(instances, solved.planes, extents, mesh, scene.metric)
+        return Solution(layout, quality, tracks, chosen, edges, solved, stage.timings_s)
+
+    best = max(map(run, range(config.restarts)), key=lambda solution: solution.quality.iou)
+
+    observer.estimate(best.estimate)
+    observer.extents(best.layout.extents)
+    observer.mesh(best.layout.mesh)
+    observer.quality(best.layout, best.quality)
+    return best
+
+
+def _choose(track_instance: IntArray, config: Config, restart: int) -> IntArray:
+    """``track_instance`` with the tracks that this restart leaves out set to -1."""
+    if restart == 0:
+        return track_instance
+    left_out = np.random.default_rng(config.seed + restart).random(len(track_instance)) >= config.restart_share
+    return np.where(left_out, -1, track_instance)
