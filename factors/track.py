@@ -13,8 +13,8 @@ from gtlayout.factors.batching import FloatArray, custom_factor, plane_parts
 def track_factor(plane_key: int, landmark_keys: Sequence[int], sigma: FloatArray) -> gtsam.CustomFactor:
     """``r_i = n · X_i + d``: signed distance of each landmark from the plane, world unit.
 
-    One factor holds a batch of landmarks of one plane: GTSAM calls Python once per factor, and copies all values to do so.
-    About 32 landmarks a batch is fastest; many more make a dense clique.
+    One factor holds a batch of landmarks of one plane: GTSAM calls Python once per factor, and copies all values to
+    do so. About 32 landmarks a batch is fastest; many more make a dense clique.
 
     Args:
         plane_key: an ``OrientedPlane3`` variable.

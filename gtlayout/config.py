@@ -113,6 +113,8 @@ class InitializationConfig:
     """Worth of a right angle, in tracks."""
     perpendicularity_cutoff: float = 0.15
     """sin of the deviation from which on an angle is not right at all."""
+    manhattan_weight: float = 2.0
+    """Worth, in tracks, of a wall at right angles or parallel to the others."""
     absurd_weight: float = 5.0
     """Price of an element drawn where its plane cannot be seen."""
 
@@ -154,6 +156,12 @@ class EstimationConfig:
     """sin of the deviation up to which two walls are taken to be meant at a right angle."""
     sigma_prior_d: float = 100.0
     """Weak prior: keeps an undetermined plane solvable; its σ then says so."""
+    sigma_coplanarity_angle: float = 0.03
+    """Angle between a door or window and its wall, radians."""
+    sigma_recess: float = 0.03
+    """How far a door or window sits back in its wall."""
+    coplanarity_cauchy: float = 2.0
+    """Robust scale of both, in σ."""
     sigma_prior_point: float = 10.0
     """The same for a landmark."""
     sigma_prior_normal: float = 1.0
@@ -184,6 +192,8 @@ class ExtentConfig:
     """A key frame's polygon is clipped where its plane is farther than this many times the scene's median depth."""
     min_horizon_px: float = 10.0
     """… and where it comes closer than this to the plane's horizon: one pixel there moves the point by a tenth of its depth."""
+    occluder_margin: float = 0.05
+    """What is drawn nearer than a plane by more than this share of its depth may hide it; all else speaks against it."""
     min_piece: float = 0.005
     """Separate pieces and holes below this share of an element's area are gaps between drawn polygons: dropped."""
 

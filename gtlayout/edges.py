@@ -29,7 +29,8 @@ class ContactEdge:
 def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfig) -> tuple[ContactEdge, ...]:
     """All contact edges of all key frames, one per (key frame, pair of instances).
 
-    Boundaries within reach of an occlusion edge or of the image border are left out, and pairs that only touch at a point.
+    Boundaries within reach of an occlusion edge or of the image border are left out, and pairs that only touch at a
+    point.
     """
     edges = []
     for k, key_frame in enumerate(scene.key_frames):

@@ -1,6 +1,6 @@
 """Stage 4: initial planes, factor graph, Levenberg-Marquardt, marginals (paper 3.3 as a factor graph).
 
-Variables are an ``OrientedPlane3`` per surface (an element with the doors and windows it hosts) and a ``Point3`` per track.
+Variables are an ``OrientedPlane3`` per instance and a ``Point3`` per track.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Estimate:
     """What stage 4 hands on."""
 
     planes: tuple[Plane, ...]
-    """One per instance; openings repeat their host's."""
+    """One per instance."""
     landmarks: FloatArray
     """(N, 3) world position of each track's point; NaN where a track was not used."""
     landmark_weight: FloatArray
@@ -77,22 +77,21 @@ def estimate(
 
     world_planes, jacobian = local.planes_to_world(solution.planes)
     covariances = jacobian @ solution.covariances @ jacobian.T
-    surface_of = [i if instance.host is None else instance.host for i, instance in enumerate(instances)]
     kept = np.bincount(evidence.track_surface[evidence.track_surface >= 0], minlength=len(instances))
-    planes = [
+    planes = tuple(
         _plane(world_planes[s], covariances[s], int(kept[s]), _relative_depth_sigma(evidence, solution, s), config)
         for s in range(len(instances))
-    ]
-    if not any(planes[s].observable for s in surface_of):
+    )
+    if not any(plane.observable for plane in planes):
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     used = np.isfinite(solution.landmarks[:, 0])
     return Estimate(
-        planes=tuple(planes[s] for s in surface_of),
+        planes=planes,
         landmarks=local.points_to_world(solution.landmarks),
         landmark_weight=solution.robust_weight,
         landmark_instance=np.where(used, track_instance, -1),
         iterations=tuple(
-            Iteration(cost, local.planes_to_world(at)[0][surface_of])
+            Iteration(cost, local.planes_to_world(at)[0])
             for cost, at in zip(solution.costs, solution.history[1:], strict=True)
         ),
     )

@@ -1,7 +1,4 @@
-"""Stage 4, before the graph: what tracks, edges and right angles say about each surface, in a normalised world.
-
-A surface is a structural element together with the doors and windows it hosts: one plane variable.
-"""
+"""Stage 4, before the graph: what tracks, edges and right angles say about each instance, in a normalised world."""
 
 from __future__ import annotations
 
@@ -24,7 +21,9 @@ TYPICAL_DEPTH = 2.5
 
 @dataclass(frozen=True)
 class Normalisation:
-    """``X_local = scale (X_world - origin)``: keeps a plane's n and d uncoupled, and gives unitless scenes a room's size."""
+    """``X_local = scale (X_world - origin)``: keeps a plane's n and d uncoupled, and gives unitless scenes a room's
+    size.
+    """
 
     origin: FloatArray
     scale: float
@@ -110,6 +109,12 @@ class Views:
         depth: FloatArray = -(planes[:, :3] @ self.center.T + planes[:, 3:]) / np.where(facing == 0, 1e-12, facing)
         return depth
 
+    def middle_on(self, plane: FloatArray) -> FloatArray:
+        """(3,) a point of a (4,) plane amid the pixels."""
+        depth = self.depths(plane[None])[0]
+        seen = depth > 0
+        return np.median(self.center[seen] + depth[seen, None] * self.ray[seen], axis=0)
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -131,8 +136,8 @@ class Evidence:
     wall: BoolArray
     """(S,) walls."""
     views: tuple[Views, ...]
-    is_surface: BoolArray
-    """(S,) False for openings that lie in their host's plane: surfaces share the instances' numbers."""
+    host: IntArray
+    """(S,) for doors and windows the surface they lie in; -1 for all others."""
 
     def track_residuals(self, index: IntArray, planes: FloatArray) -> FloatArray:
         """(H, n) deviation of the tracks' inverse depths from those of (H, 4) planes, in σ."""
@@ -154,10 +159,9 @@ def gather(
     config: EstimationConfig,
 ) -> Evidence:
     """Collect the evidence on every surface. ``rays`` are local already, ``scene`` is not."""
-    surface_of = np.array([i if instance.host is None else instance.host for i, instance in enumerate(instances)])
     key_cameras = [local.camera(scene.frame_of(k).camera) for k in range(len(scene.key_frames))]
-    track_surface = np.where(track_instance >= 0, surface_of[track_instance], -1)
-    track_surface = _prefer_visible(scene, tracks, track_surface)
+    track_surface = _prefer_visible(scene, tracks, track_instance)
+    host = np.array([-1 if instance.host is None else instance.host for instance in instances])
     labels = [instance.label for instance in instances]
     level = np.array([label in ("floor", "ceiling") for label in labels])
     wall = np.array([label == "wall" for label in labels])
@@ -166,13 +170,13 @@ def gather(
         rays=rays,
         sigma_rho=np.hypot(rays.sigma_rho, config.relative_depth_sigma * rays.rho),
         track_surface=track_surface,
-        track_weight=_trust(scene, tracks, track_surface, instances, surface_of, config),
-        edges=_edge_groups(edges, surface_of, key_cameras),
+        track_weight=_trust(scene, tracks, track_surface, instances, config),
+        edges=_edge_groups(edges, host, key_cameras),
         perpendicular=across | across.T,
         level=level,
         wall=wall,
         views=tuple(_views(scene, instance, key_cameras) for instance in instances),
-        is_surface=surface_of == np.arange(len(instances)),
+        host=host,
     )
 
 
@@ -194,7 +198,6 @@ def _trust(
     tracks: Tracks,
     track_surface: IntArray,
     instances: Sequence[Instance],
-    surface_of: IntArray,
     config: EstimationConfig,
 ) -> FloatArray:
     """(N,) weight of each track by its length and by how its surface can be tracked.
@@ -206,7 +209,7 @@ def _trust(
     tried = np.zeros(count)
     for i, instance in enumerate(instances):
         for k, element in instance.members:
-            tried[surface_of[i]] += tracks.tried[k][element]
+            tried[i] += tracks.tried[k][element]
     kept = np.bincount(track_surface[track_surface >= 0], minlength=count)
     acceptance = np.minimum(kept / np.maximum(tried, 1) / config.full_acceptance, 1.0)
     plenty = np.minimum(kept / config.full_tracks, 1.0)
@@ -217,24 +220,14 @@ def _trust(
     return weight
 
 
-def _edge_groups(
-    edges: Sequence[ContactEdge], surface_of: IntArray, key_cameras: Sequence[Camera]
-) -> tuple[EdgeGroup, ...]:
-    """One group per key frame and pair of surfaces.
-
-    The foot of a door speaks for its host only where the host's own does not: leaves sit back in the wall.
-    """
-    own: dict[tuple[int, int, int], FloatArray] = {}
-    by_opening: dict[tuple[int, int, int], FloatArray] = {}
-    for edge in edges:
-        a, b = sorted(int(surface_of[i]) for i in edge.instances)
-        if a != b:
-            hosted = {a, b} != set(edge.instances)
-            group = by_opening if hosted else own
-            key = (edge.key_frame, a, b)
-            group[key] = np.concatenate([group[key], edge.points_px]) if key in group else edge.points_px
-    groups = sorted((by_opening | own).items())
-    return tuple(EdgeGroup(key_cameras[k], (a, b), points_px) for (k, a, b), points_px in groups)
+def _edge_groups(edges: Sequence[ContactEdge], host: IntArray, key_cameras: Sequence[Camera]) -> tuple[EdgeGroup, ...]:
+    """The contact edges whose planes meet in a line: not those between an opening and its host, or within one host."""
+    root = np.where(host >= 0, host, np.arange(len(host)))
+    return tuple(
+        EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
+        for edge in edges
+        if root[edge.instances[0]] != root[edge.instances[1]]
+    )
 
 
 def _views(scene: Scene, instance: Instance, key_cameras: Sequence[Camera]) -> Views:

@@ -1,4 +1,6 @@
-"""Stage 4, second half: the factor graph, Levenberg-Marquardt with re-weighted tracks, marginals. Local world throughout."""
+"""Stage 4, second half: the factor graph, Levenberg-Marquardt with re-weighted tracks, marginals. Local world
+throughout.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +13,14 @@ from gtsam.symbol_shorthand import L, P
 
 from gtlayout.config import EstimationConfig
 from gtlayout.evidence import Evidence
-from gtlayout.factors import edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
+from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
 from gtlayout.tracking import Tracks
 
 _BATCH = 32
-"""Landmarks per track factor: GTSAM copies all values for every Python factor it calls, and a big batch is a dense clique."""
+"""Landmarks per track factor: GTSAM copies all values for every Python factor it calls, and a big batch is a dense
+clique.
+"""
 _NEGLIGIBLE = 1e-3
 """Tracks of less weight stay out of the graph."""
 
@@ -44,8 +48,8 @@ def solve(
 ) -> Solution:
     """Optimise from ``start`` (S, 4) and query the marginals of all planes.
 
-    Whole tracks are re-weighted between runs of Levenberg-Marquardt (Cauchy on a track's deviation from its plane): one robust
-    kernel on a factor cannot do that, because a track is many factors.
+    Whole tracks are re-weighted between runs of Levenberg-Marquardt (Cauchy on a track's deviation from its plane):
+    one robust kernel on a factor cannot do that, because a track is many factors.
     """
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
     right_angles = _right_angles(evidence, start, config)
@@ -77,9 +81,11 @@ def solve(
 
 
 def _right_angles(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> IntArray:
-    """(R, 2) surfaces to hold at right angles: walls to floor and ceiling (paper 3.3), and walls that nearly are already.
+    """(R, 2) surfaces to hold at right angles: walls to floor and ceiling (paper 3.3), and walls that nearly are
+    already.
 
-    The paper has no such term between walls; a weak one steadies those that little else holds, and odd angles escape it.
+    The paper has no such term between walls; a weak one steadies those that little else holds, and odd angles escape
+    it.
     """
     sine = np.abs(planes[:, :3] @ planes[:, :3].T)
     walls = np.outer(evidence.wall, evidence.wall) & (sine < config.right_angle_reach)
@@ -157,6 +163,14 @@ def _build(
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
             graph.add(edge_factor((P(a), P(b)), group.representatives_px(), projection, edge_noise))
     right_angle = noise.Isotropic.Sigma(1, config.sigma_perpendicularity)
+    in_wall = noise.Robust.Create(
+        noise.mEstimator.Cauchy.Create(config.coplanarity_cauchy),
+        noise.Diagonal.Sigmas(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess])),
+    )
+    for a in surfaces:
+        if (b := int(evidence.host[a])) >= 0:
+            plane = values.atOrientedPlane3(P(b)).planeCoefficients()
+            graph.add(coplanarity_factor((P(int(a)), P(b)), evidence.views[a].middle_on(plane), in_wall))
     for a, b in right_angles:
         graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
     return graph

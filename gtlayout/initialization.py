@@ -1,9 +1,9 @@
 """Stage 4, first half: starting planes for all surfaces together.
 
-Fits of single elements fail where one has few tracks or mirrors its surroundings, and Levenberg-Marquardt does not get out of
-a wrong basin. So elements vouch for each other: they are placed one by one, best supported first, each at the best of many
-hypotheses drawn from its tracks, from contact edges with neighbours already placed, and from right angles; then every one
-is chosen again in the light of all others.
+Fits of single elements fail where one has few tracks or mirrors its surroundings, and Levenberg-Marquardt does not
+get out of a wrong basin. So elements vouch for each other: they are placed one by one, best supported first, each at
+the best of many hypotheses drawn from its tracks, from contact edges with neighbours already placed, and from right
+angles; then every one is chosen again in the light of all others.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class _Search:
         planes = np.full((count, 4), np.nan)
         tracks = [self._take_part(surface) for surface in range(count)]
         support = np.array([self._support(index) for index in tracks])
-        waiting = [surface for surface in range(count) if evidence.is_surface[surface]]
+        waiting = [surface for surface in range(count) if evidence.host[surface] < 0]
         while waiting:
             placed = np.isfinite(planes[:, 0])
             joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.surfaces) for s in range(count)]
@@ -48,10 +48,12 @@ class _Search:
         for _ in range(self.config.sweeps):
             before = planes.copy()
             for surface in np.argsort(-support, kind="stable"):
-                if evidence.is_surface[surface]:
+                if evidence.host[surface] < 0:
                     planes[surface] = self._choose(int(surface), tracks[surface], planes)
             if np.array_equal(before, planes, equal_nan=True):
                 break
+        hosted = evidence.host >= 0
+        planes[hosted] = planes[evidence.host[hosted]]
         return planes
 
     def _take_part(self, surface: int) -> IntArray:
@@ -90,6 +92,16 @@ class _Search:
         sine = hypotheses[:, :3] @ planes[across, :3].T
         price = np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
         total: FloatArray = cost + config.perpendicularity_weight * price
+        if evidence.wall[surface]:
+            # Walls tend to stand at right angles or parallel: a hint for those that little else is known of.
+            others = planes[evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != surface), :3]
+            cosine = np.abs(hypotheses[:, :3] @ others.T)
+            sine = np.minimum(cosine, np.sqrt(np.maximum(1 - cosine**2, 0.0)))
+            total += (
+                config.manhattan_weight
+                * np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
+                / max(len(others), 1)
+            )
         return total
 
     def _hypotheses(self, surface: int, index: IntArray, planes: FloatArray) -> FloatArray:
@@ -121,10 +133,11 @@ class _Search:
         if len(lines) >= 2:
             a, b, c = np.concatenate(lines)[self.rng.integers(2 * len(lines), size=(3, draws))]
             candidates.append(_through_points(a, b, c))
-        if evidence.level[surface] and (len(points) or lines):
-            # A ceiling over a floor: the same normal, through anything that is known of it.
+        if len(points) or lines:
+            # A ceiling over a floor, a wall along another: the same normal, through anything that is known of it.
             anchors = np.concatenate([points[:20], *lines])
-            for normal in planes[evidence.level & placed, :3]:
+            alike = evidence.level if evidence.level[surface] else evidence.wall & evidence.wall[surface]
+            for normal in planes[alike & placed, :3]:
                 candidates.append(np.column_stack([np.tile(normal, (len(anchors), 1)), -anchors @ normal]))
         return np.concatenate(candidates)
 

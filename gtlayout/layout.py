@@ -100,7 +100,7 @@ class Layout:
 
     instances: tuple[Instance, ...]
     planes: tuple[Plane, ...]
-    """A door or window repeats its host's plane."""
+    """Doors and windows have their own: leaves and panes sit back in the wall."""
     extents: tuple[Extent, ...]
     """Empty regions for unobservable planes."""
     mesh: Mesh

@@ -89,7 +89,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         with stage("extents"):
             extents = compute_extents(scene, instances, solved.planes, edges, config.extent)
         with stage("mesh"):
-            mesh = build_mesh(instances, solved.planes, extents)
+            mesh = build_mesh(instances, extents)
         with stage("quality"):
             quality = assess(scene, instances, solved.planes, extents, config.quality)
         layout = Layout(instances, solved.planes, extents, mesh, scene.metric)

@@ -17,7 +17,7 @@ from shapely import MultiPolygon
 from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import read_gray
-from gtlayout.raster import polygon_mask
+from gtlayout.raster import fill, rings_of
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, ImageArray, IntArray, Scene
 
 
@@ -86,8 +86,9 @@ def track(
 ) -> Tracks:
     """Sample points on every element of every key frame and follow them both ways through the video.
 
-    Each step removes the known rotation before matching, predicts the rest from the depth seen so far, and re-anchors the
-    result on the key frame's own patch, so that error does not add up along a track. A track ends at the first failure.
+    Each step removes the known rotation before matching, predicts the rest from the depth seen so far, and re-anchors
+    the result on the key frame's own patch, so that error does not add up along a track. A track ends at the first
+    failure.
 
     Raises:
         GtlayoutError: an annotated image cannot be read.
@@ -139,8 +140,8 @@ def track(
 def sample_points(image: ImageArray, element: Element, config: TrackingConfig, sampler: qmc.Sobol) -> FloatArray:
     """(N, 2) corners spread over the element's visible parts by a Sobol sequence (paper 3.2).
 
-    A cell round each of area / spacing² Sobol points gives its best corners. An element without visible parts is sampled
-    on its eroded amodal polygon.
+    A cell round each of area / spacing² Sobol points gives its best corners. An element without visible parts is
+    sampled on its eroded amodal polygon.
     """
     height, width = image.shape
     region = element.visible.buffer(-config.border_px)
@@ -148,7 +149,7 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
         region = element.amodal.buffer(-config.spacing_px / 2)
     if region.is_empty:
         return np.empty((0, 2))
-    mask = polygon_mask(MultiPolygon([region]) if region.geom_type == "Polygon" else region, height, width)
+    mask = fill(rings_of(MultiPolygon([region]) if region.geom_type == "Polygon" else region), height, width)
     corners = cv2.goodFeaturesToTrack(
         image,
         maxCorners=0,
@@ -178,7 +179,9 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
 
 
 def texture_sigma_px(image: ImageArray, points_px: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(N,) σ of a match at each point: what calibration leaves, and image noise over the weaker gradient of the patch."""
+    """(N,) σ of a match at each point: what calibration leaves, and image noise over the weaker gradient of the
+    patch.
+    """
     strength = cv2.cornerMinEigenVal(image, config.corner_block_px)
     column, row = np.floor(points_px).astype(int).T
     weaker_gradient = np.maximum(strength[row, column].astype(np.float64), 1e-12)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 from gtsam.symbol_shorthand import L, P
 
-from gtlayout.factors import edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
+from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
 from gtlayout.factors.batching import custom_factor
 
 Rng = np.random.Generator
@@ -33,13 +33,17 @@ def make_perpendicularity(_: Rng) -> gtsam.NoiseModelFactor:
     return perpendicularity_factor((P(0), P(1)), gtsam.noiseModel.Isotropic.Sigma(1, 0.1))
 
 
+def make_coplanarity(rng: Rng) -> gtsam.NoiseModelFactor:
+    return coplanarity_factor((P(0), P(1)), rng.normal(size=3), gtsam.noiseModel.Unit.Create(4))
+
+
 def make_prior(rng: Rng) -> gtsam.NoiseModelFactor:
     normal = rng.normal(size=3)
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, 100.0]))
     return plane_prior_factor(P(0), np.append(normal / np.linalg.norm(normal), 2.0), noise)
 
 
-@pytest.mark.parametrize("make", [make_track, make_edge, make_perpendicularity, make_prior])
+@pytest.mark.parametrize("make", [make_track, make_edge, make_perpendicularity, make_coplanarity, make_prior])
 @pytest.mark.parametrize("seed", range(5))
 def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFactor], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -95,6 +99,16 @@ def test_perpendicularity_is_the_sine_of_the_deviation() -> None:
     values.insert(P(1), gtsam.OrientedPlane3(np.array([np.cos(tilt), 0, np.sin(tilt), 1])))
     factor = perpendicularity_factor((P(0), P(1)), gtsam.noiseModel.Unit.Create(1))
     np.testing.assert_allclose(factor.whitenedError(values), [np.sin(tilt)])
+
+
+def test_coplanarity_is_the_angle_and_the_distance_at_the_point() -> None:
+    values = gtsam.Values()
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, 1.0, -2.1])))
+    values.insert(P(1), gtsam.OrientedPlane3(np.array([0, np.sin(0.1), np.cos(0.1), -2.0])))
+    factor = coplanarity_factor((P(0), P(1)), np.array([5.0, 0, 2.0]), gtsam.noiseModel.Unit.Create(4))
+    error = factor.whitenedError(values)
+    np.testing.assert_allclose(np.linalg.norm(error[:3]), np.sin(0.1))
+    np.testing.assert_allclose(error[3], -0.1 - (2.0 * np.cos(0.1) - 2.0))
 
 
 def test_marginal_of_a_plane_fitted_to_known_points_is_least_squares() -> None:

@@ -1,0 +1,226 @@
+"""The command line: parses, calls, prints. Whatever is slow to import waits until a command needs it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.validators import Number
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from gtlayout import __version__
+from gtlayout.errors import GtlayoutError
+from gtlayout.visualize import Observer, RerunMode, open_log, rerun_observer
+
+RESULTS = "gtlayout"
+"""Folder inside the scene that results go to."""
+LOG = "log.rrd"
+SHOWN_WARNINGS = 5
+"""More than these are only counted, unless -v is given."""
+
+app = App(
+    name="gtlayout",
+    help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
+    help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 130 interrupted.",
+    version=__version__,
+    suppress_keyboard_interrupt=False,
+)
+
+SceneDir = Annotated[Path, Parameter(name="DIR")]
+Positive = Annotated[int, Parameter(validator=Number(gte=1))]
+
+
+@app.command
+def solve(
+    scene_dir: SceneDir,
+    /,
+    *,
+    out: Path | None = None,
+    rerun: RerunMode = "off",
+    restarts: Positive = 1,
+    seed: int = 0,
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
+) -> None:
+    """Reconstruct the room in a scene folder.
+
+    The folder holds images/, cameras (COLMAP sparse/0 or nerfstudio transforms.json) and annotations.json. Written are
+    layout.json (planes, covariances, extents), layout.glb, layout.ply, quality.json and config.json; a scene that fails
+    leaves nothing behind.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    out
+        Where results go; DIR/gtlayout when not given.
+    rerun
+        Log each stage for the rerun viewer: save log.rrd beside the results, spawn a viewer, or connect to one.
+    restarts
+        Solve this many times, all but the first on random subsets of the tracks, and keep the best IoU.
+    seed
+        Seed of everything random; the same seed gives the same bytes.
+    verbose
+        Print stage timings and every warning.
+    """
+    out_dir = _results_dir(out or scene_dir / RESULTS)
+
+    from gtlayout.config import Config
+    from gtlayout.io import load_scene
+    from gtlayout.io.layout_files import write_results
+    from gtlayout.method import solve as solve_scene
+    from gtlayout.report_table import element_table, reasons, verdict
+
+    config = Config(seed=seed, restarts=restarts)
+    scene = load_scene(scene_dir)
+    with _progress() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
+        solution = solve_scene(scene, config, observer)
+        write_results(out_dir, scene, solution.layout, solution.quality, config)
+
+    console = Console()
+    console.print(element_table(solution.layout, solution.quality))
+    for reason in reasons(solution.layout, solution.quality):
+        console.print(reason, style="yellow", highlight=False, markup=False, soft_wrap=True)
+    console.print(verdict(scene, solution.layout, solution.quality), highlight=False, soft_wrap=True, markup=False)
+    shown = scene.warnings if verbose else scene.warnings[:SHOWN_WARNINGS]
+    for warning in shown:
+        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
+    if len(shown) < len(scene.warnings):
+        console.print(f"… and {len(scene.warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
+    if verbose:
+        for stage, seconds in solution.timings_s.items():
+            console.print(f"{stage:<16}{seconds:8.2f} s", highlight=False)
+    console.print(f"Results: {out_dir}", highlight=False, soft_wrap=True)
+
+
+@app.command
+def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path | None = None) -> None:
+    """Compare a solved layout with the annotations and, where the scene has them, with depth/ and gt_planes.json.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    layout
+        Folder that holds layout.json; DIR/gtlayout when not given.
+    json
+        Write the figures to this file, too.
+    """
+    from gtlayout.evaluation import evaluate as evaluate_layout
+    from gtlayout.io import load_scene
+    from gtlayout.io.files import write_json_atomic
+    from gtlayout.io.layout_files import read_layout
+    from gtlayout.report_table import evaluation_table
+
+    evaluation = evaluate_layout(load_scene(scene_dir), read_layout(layout or scene_dir / RESULTS))
+    Console().print(evaluation_table(evaluation))
+    if json is not None:
+        write_json_atomic(json, asdict(evaluation))
+
+
+@app.command
+def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
+    """Open what `solve --rerun save` logged in the rerun viewer.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    layout
+        Folder that holds log.rrd; DIR/gtlayout when not given.
+    """
+    open_log((layout or scene_dir / RESULTS) / LOG)
+
+
+@app.command
+def synth(
+    out: Annotated[Path, Parameter(name="OUT")],
+    /,
+    *,
+    seed: int = 0,
+    frames: Positive = 60,
+    width: Positive = 480,
+    height: Positive = 360,
+) -> None:
+    """Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.
+
+    Parameters
+    ----------
+    out
+        Folder to make; it must not exist or be empty.
+    seed
+        Which room, camera path and noise.
+    frames
+        Length of the video.
+    width
+        Image width, px.
+    height
+        Image height, px.
+    """
+    from gtlayout.synth import SynthConfig, synthesize
+
+    with _progress() as progress:
+        progress.stage("synthesis")
+        synthesize(out, SynthConfig(seed=seed, frames=frames, width=width, height=height), progress.progress)
+    Console().print(f"Scene: {out}", highlight=False, soft_wrap=True)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return its exit status. Unknown exceptions are bugs and keep their traceback."""
+    try:
+        app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
+    except CycloptsError:
+        return 2
+    except GtlayoutError as error:
+        print(f"gtlayout: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("gtlayout: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+class _ProgressBars(Observer):
+    """One bar a stage."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+
+    def stage(self, name: str) -> None:
+        """Complete the bar of the stage before and begin a new one."""
+        self.finish()
+        self._bars.add_task(name, total=None)
+
+    def progress(self, done: int, total: int) -> None:
+        """Move the bar."""
+        self._bars.update(self._bars.task_ids[-1], completed=done, total=total)
+
+    def finish(self) -> None:
+        """Complete the last bar."""
+        for task in self._bars.tasks:
+            if not task.finished:
+                self._bars.update(task.id, total=max(task.completed, 1), completed=max(task.completed, 1))
+
+
+@contextmanager
+def _progress() -> Iterator[Observer]:
+    """Progress bars on stderr; nothing when that is not a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        observer = _ProgressBars(bars)
+        yield observer
+        observer.finish()
+
+
+def _results_dir(out_dir: Path) -> Path:
+    """``out_dir``, checked before the work rather than after it."""
+    if out_dir.exists() and not out_dir.is_dir():
+        msg = f"results cannot go to {out_dir}: it is a file, not a folder"
+        raise GtlayoutError(msg)
+    return out_dir

@@ -1,0 +1,182 @@
+"""How good a layout is: against the annotations, the depth maps and the true planes of its scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from gtlayout.config import QualityConfig
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.images import read_depth
+from gtlayout.io.truth import Truth, TruePlane, read_truth
+from gtlayout.layout import Extent, Layout
+from gtlayout.quality import assess
+from gtlayout.raster import fill, rings_of
+from gtlayout.render import render
+from gtlayout.scene import FloatArray, Scene
+
+WORST_SHARE = 0.01
+"""Real depth maps hold up to 1 % gross outliers."""
+
+
+@dataclass(frozen=True)
+class DepthError:
+    """Absolute error of the rendered depth on the elements' visible parts where depth was measured; world unit."""
+
+    mean: float
+    """The paper's ε."""
+    trimmed_mean: float
+    """Without the worst 1 % of pixels."""
+    median: float
+    pixels: int
+    missing: int
+    """Such pixels at which the layout has no surface; they are not in the figures above."""
+    by_instance: tuple[tuple[str, float, int], ...]
+    """(name, mean error, pixels) of each instance whose visible parts have depth."""
+
+
+@dataclass(frozen=True)
+class PlaneError:
+    """A true plane and the instance that stands for it."""
+
+    truth: str
+    instance: str
+    normal_deg: float
+    offset: float
+    """Distance of the true plane from the centroid of the instance's extent, world unit."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """All figures; None where the scene lacks what they need."""
+
+    metric: bool
+    iou: float
+    accepted: bool
+    openings_iou: float | None
+    instances: int
+    unobservable: tuple[str, ...]
+    depth: DepthError | None
+    planes: tuple[PlaneError, ...]
+    """One per true plane that has a normal and was fitted to depth; empty without gt_planes.json."""
+    missing_planes: tuple[str, ...]
+    """True planes no instance stands for."""
+    elements: int
+    """Annotated elements that the truth names."""
+    elements_on_right_instance: int
+
+
+def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) -> Evaluation:
+    """Compare ``layout`` with its scene's annotations, ``depth/`` and ``gt_planes.json``, as far as there are any.
+
+    Raises:
+        GtlayoutError: a depth map or the truth cannot be read, or the layout belongs to other annotations.
+    """
+    _check_members(scene, layout)
+    quality = assess(scene, layout.instances, layout.planes, layout.extents, config or QualityConfig())
+    truth = read_truth(scene)
+    match = _match_instances(layout, truth) if truth else {}
+    planes = tuple(
+        _plane_error(layout, match[name], name, plane)
+        for name, plane in (truth.planes.items() if truth else ())
+        if plane.scored and name in match and layout.planes[match[name]].observable
+    )
+    found = {error.truth for error in planes}
+    named = [
+        (name, match.get(name) == i)
+        for i, instance in enumerate(layout.instances)
+        for member in instance.members
+        if truth and (name := truth.elements.get(member)) is not None
+    ]
+    return Evaluation(
+        metric=scene.metric,
+        iou=quality.iou,
+        accepted=quality.accepted,
+        openings_iou=quality.openings_iou,
+        instances=len(layout.instances),
+        unobservable=tuple(
+            instance.name
+            for instance, plane in zip(layout.instances, layout.planes, strict=True)
+            if not plane.observable
+        ),
+        depth=_depth_error(scene, layout),
+        planes=planes,
+        missing_planes=tuple(n for n, p in (truth.planes.items() if truth else ()) if p.scored and n not in found),
+        elements=len(named),
+        elements_on_right_instance=sum(right for _, right in named),
+    )
+
+
+def _check_members(scene: Scene, layout: Layout) -> None:
+    for instance in layout.instances:
+        for k, e in instance.members:
+            if k >= len(scene.key_frames) or e >= len(scene.key_frames[k].elements):
+                raise GtlayoutError(f"{scene.root}: the layout was made from other annotations; solve the scene again")
+
+
+def _depth_error(scene: Scene, layout: Layout) -> DepthError | None:
+    """Over all pixels of visible parts with measured depth, each compared with the element it was drawn on or whatever
+    surface the layout shows there.
+    """
+    errors: list[FloatArray] = []
+    owners: list[int] = []
+    missing = 0
+    for k, key_frame in enumerate(scene.key_frames):
+        frame = scene.frame_of(k)
+        if frame.depth_path is None:
+            continue
+        measured = read_depth(frame).astype(np.float64)
+        _, rendered = render(layout.planes, layout.extents, layout.instances, frame.camera)
+        instance_of = {e: i for i, instance in enumerate(layout.instances) for j, e in instance.members if j == k}
+        for e, element in enumerate(key_frame.elements):
+            seen = np.isfinite(measured) & fill(rings_of(element.visible), *measured.shape)
+            missing += int(np.count_nonzero(seen & ~np.isfinite(rendered)))
+            seen &= np.isfinite(rendered)
+            if seen.any():
+                errors.append(np.abs(rendered[seen] - measured[seen]))
+                owners.append(instance_of[e])
+    if not errors:
+        return None
+    pooled = np.sort(np.concatenate(errors))
+    by_instance = []
+    for i in sorted(set(owners)):
+        own = np.concatenate([error for error, owner in zip(errors, owners, strict=True) if owner == i])
+        by_instance.append((layout.instances[i].name, float(own.mean()), len(own)))
+    kept = max(1, int(np.ceil((1 - WORST_SHARE) * len(pooled))))
+    return DepthError(
+        mean=float(pooled.mean()),
+        trimmed_mean=float(pooled[:kept].mean()),
+        median=float(np.median(pooled)),
+        pixels=len(pooled),
+        missing=missing,
+        by_instance=tuple(by_instance),
+    )
+
+
+def _match_instances(layout: Layout, truth: Truth) -> dict[str, int]:
+    """The instance that stands for each true plane: the one-to-one matching that puts most elements right."""
+    names = list(truth.planes)
+    votes = np.zeros((len(names), len(layout.instances)))
+    for i, instance in enumerate(layout.instances):
+        for member in instance.members:
+            if (name := truth.elements.get(member)) is not None:
+                votes[names.index(name), i] += 1
+    rows, columns = linear_sum_assignment(-votes)
+    return {names[r]: int(c) for r, c in zip(rows, columns, strict=True) if votes[r, c] > 0}
+
+
+def _plane_error(layout: Layout, index: int, name: str, true: TruePlane) -> PlaneError:
+    plane = layout.planes[index]
+    cosine = np.clip(plane.normal @ true.normal, -1.0, 1.0)
+    offset = float(true.normal @ _centroid(layout.extents[index])) + true.d
+    return PlaneError(name, layout.instances[index].name, float(np.rad2deg(np.arccos(cosine))), abs(offset))
+
+
+def _centroid(extent: Extent) -> FloatArray:
+    point = extent.region.centroid
+    uv = np.zeros((1, 2)) if point.is_empty else np.array([[point.x, point.y]])
+    centroid: FloatArray = extent.frame.to_world(uv)[0]
+    return centroid

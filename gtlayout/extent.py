@@ -1,0 +1,297 @@
+"""Stage 5: the finite part of its plane that each element covers (paper 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.config import ExtentConfig
+from gtlayout.edges import ContactEdge
+from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
+from gtlayout.raster import LabelImage, annotated_labels
+from gtlayout.render import inverse_depth
+from gtlayout.scene import Camera, FloatArray, IntArray, Scene
+
+_BOX = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+def compute_extents(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    edges: Sequence[ContactEdge],
+    config: ExtentConfig,
+) -> tuple[Extent, ...]:
+    """Each instance's extent: the union of its unprojected polygons, refined to the planes it touches.
+
+    A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable planes
+    get empty regions.
+    """
+    max_depth = config.max_depth_ratio * median_depth(scene, instances, planes)
+    frames = [_plane_frame(plane, scene) for plane in planes]
+    views = [annotated_labels(scene, instances, k) for k in range(len(scene.key_frames))]
+    unrefined = [
+        _tidy(_consensus(scene, views, instances, i, planes, frames[i], max_depth, config), config)
+        if planes[i].observable
+        else MultiPolygon()
+        for i in range(len(instances))
+    ]
+    touching = _unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
+    regions = [
+        _refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], config)
+        for i, region in enumerate(unrefined)
+    ]
+    return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, strict=True))
+
+
+def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
+    """The scene's scale: median depth of the elements' vertices on their planes. World unit; inf when nothing is seen."""
+    depths = []
+    for instance, plane in zip(instances, planes, strict=True):
+        for key_frame, element in instance.members if plane.observable else ():
+            region = scene.key_frames[key_frame].elements[element].amodal
+            inverse = _homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
+                plane, scene.frame_of(key_frame).camera
+            )
+            depths.append(1 / inverse[inverse > 0])
+    found = np.concatenate(depths) if depths else np.empty(0)
+    return float(np.median(found)) if len(found) else np.inf
+
+
+def clip_to_plane(
+    region: BaseGeometry, plane: Plane, camera: Camera, max_depth: float, min_horizon_px: float
+) -> BaseGeometry:
+    """The part of an image region (px) in which the plane lies in front of the camera, near enough, and below its horizon.
+
+    Inverse depth is linear in the image, so both limits are one half-plane. Clipping there, not in 3D, is what keeps pixels
+    near the horizon from unprojecting to infinity.
+    """
+    inverse = inverse_depth(plane, camera)
+    slope = float(np.hypot(inverse[0], inverse[1]))
+    limit = max(1 / max_depth, min_horizon_px * slope)
+    if region.is_empty or not np.isfinite(inverse).all():
+        return Polygon()
+    return region.intersection(_half_plane(inverse - [0.0, 0.0, limit], region))
+
+
+def unproject(points_px: FloatArray, plane: Plane, camera: Camera) -> FloatArray:
+    """(N, 2) pixels → (N, 3) world points on the plane. The plane must lie in front of the camera at each of them."""
+    depth = 1 / (_homogeneous(points_px) @ inverse_depth(plane, camera))
+    return camera.center_world + depth[:, None] * camera.rays_world(points_px)
+
+
+def polygons(geometry: BaseGeometry) -> MultiPolygon:
+    """The polygonal part of any geometry, made valid; points and lines are dropped."""
+    valid = shapely.make_valid(geometry)
+    return MultiPolygon(
+        [part for part in shapely.get_parts(_flat(valid)) if isinstance(part, Polygon) and part.area > 0]
+    )
+
+
+def _flat(geometry: BaseGeometry) -> BaseGeometry:
+    """A collection without nested collections."""
+    parts = shapely.get_parts(shapely.get_parts(geometry))
+    return shapely.geometrycollections(parts)
+
+
+def _homogeneous(points: FloatArray) -> FloatArray:
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def _half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
+    """The part with a x + b y + c >= 0, as a polygon large enough for ``around``."""
+    low, high = np.reshape(around.bounds, (2, 2))
+    corners = (low + high) / 2 + _BOX * (high - low).max()
+    value = _homogeneous(corners) @ coefficients
+    ring = []
+    for k in range(4):
+        if value[k] >= 0:
+            ring.append(corners[k])
+        if (value[k] >= 0) != (value[(k + 1) % 4] >= 0):
+            share = value[k] / (value[k] - value[(k + 1) % 4])
+            ring.append(corners[k] + share * (corners[(k + 1) % 4] - corners[k]))
+    return Polygon(ring) if len(ring) >= 3 else Polygon()
+
+
+def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:
+    """A frame whose origin lies opposite the cameras' mean position, so that coordinates stay small."""
+    helper = np.eye(3)[np.argmin(np.abs(plane.normal))]
+    e_u = np.cross(helper, plane.normal)
+    e_u /= np.linalg.norm(e_u)
+    centre = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
+    origin = centre - (plane.normal @ centre + plane.d) * plane.normal
+    return PlaneFrame(origin, np.stack([e_u, np.cross(plane.normal, e_u)]))
+
+
+def _with_openings(instances: Sequence[Instance], index: int) -> list[tuple[int, int]]:
+    """(key frame, element) of an instance and of the doors and windows it hosts."""
+    return [member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members]
+
+
+def _consensus(
+    scene: Scene,
+    views: Sequence[LabelImage],
+    instances: Sequence[Instance],
+    index: int,
+    planes: Sequence[Plane],
+    frame: PlaneFrame,
+    max_depth: float,
+    config: ExtentConfig,
+) -> BaseGeometry:
+    """What most key frames say an instance covers, in its plane's frame.
+
+    The paper takes the union of the polygons of all key frames: every slip of a hand or a camera then adds to it. Here the
+    polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see something
+    else there, on or behind the plane, than see the instance. Something in front may hide it: no vote.
+    """
+    plane = planes[index]
+    pieces = []
+    for key_frame, element in _with_openings(instances, index):
+        camera = scene.frame_of(key_frame).camera
+        region = scene.key_frames[key_frame].elements[element].amodal
+        region = clip_to_plane(region, plane, camera, max_depth, config.min_horizon_px)
+        if not region.is_empty:
+            pieces.append(
+                polygons(shapely.transform(region, lambda px: frame.to_plane(unproject(px, plane, camera))))  # noqa: B023
+            )
+    union = shapely.union_all(pieces)
+    if union.is_empty:
+        return union
+    faces = shapely.get_parts(shapely.polygonize([shapely.union_all([piece.boundary for piece in pieces])]))
+    inside = shapely.point_on_surface(faces)
+    faces, inside = faces[shapely.contains(union, inside)], inside[shapely.contains(union, inside)]
+    balance = _votes(scene, views, instances, index, planes, frame.to_world(shapely.get_coordinates(inside)), config)
+    return shapely.union_all(faces[balance >= 0])
+
+
+def _votes(
+    scene: Scene,
+    views: Sequence[LabelImage],
+    instances: Sequence[Instance],
+    index: int,
+    planes: Sequence[Plane],
+    points_world: FloatArray,
+    config: ExtentConfig,
+) -> IntArray:
+    """(N,) key frames that see the instance at each point of its plane, minus those that see something else there."""
+    balance = np.zeros(len(points_world), dtype=np.int64)
+    host = np.array([-1 if instance.host is None else instance.host for instance in instances])
+    for k, labels in enumerate(views):
+        camera = scene.frame_of(k).camera
+        points_px, depth = camera.project(points_world)
+        in_view = (depth > 0) & ((points_px >= 0) & (points_px < (camera.width, camera.height))).all(axis=1)
+        column, row = np.where(in_view[:, None], points_px, 0.0).astype(np.int64).T
+        seen = np.where(in_view, labels[row, column], -1)
+        for other in np.unique(seen[seen >= 0]):
+            here = seen == other
+            if other == index or host[other] == index:
+                balance[here] += 1
+            elif other == host[index]:
+                balance[here] -= 1
+            elif planes[other].observable:
+                inverse = _homogeneous(points_px[here]) @ inverse_depth(planes[other], camera)
+                balance[here] -= inverse * depth[here] < 1 / (1 - config.occluder_margin)
+    return balance
+
+
+def _tidy(geometry: BaseGeometry, config: ExtentConfig) -> MultiPolygon:
+    """Without the slivers that hand-drawn neighbours leave: tiny pieces and tiny holes."""
+    parts = polygons(geometry)
+    least = config.min_piece * parts.area
+    return MultiPolygon(
+        [
+            Polygon(part.exterior, [hole for hole in part.interiors if Polygon(hole).area >= least])
+            for part in parts.geoms
+            if part.area >= least
+        ]
+    )
+
+
+def _unproject_edges(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    frames: Sequence[PlaneFrame],
+    edges: Sequence[ContactEdge],
+    max_depth: float,
+    config: ExtentConfig,
+) -> dict[tuple[int, int], BaseGeometry]:
+    """For each ordered pair (i, j) that touches: the contact edges in i's frame. A door's count for its host as well."""
+    lines: dict[tuple[int, int], list[BaseGeometry]] = {}
+    for edge in edges:
+        camera = scene.frame_of(edge.key_frame).camera
+        for first, second in (edge.instances, edge.instances[::-1]):
+            plane, host_of_second = planes[first], instances[second].host
+            other = second if host_of_second is None else host_of_second
+            drawn = shapely.linestrings(edge.points_px) if len(edge.points_px) > 1 else Polygon()
+            clipped = clip_to_plane(drawn, plane, camera, max_depth, config.min_horizon_px)
+            if clipped.is_empty or not (plane.observable and planes[other].observable):
+                continue
+            line = shapely.transform(clipped, lambda px: frames[first].to_plane(unproject(px, plane, camera)))  # noqa: B023
+            for mine in {first, instances[first].host}:
+                if mine is not None and mine != other:
+                    lines.setdefault((mine, other), []).append(line)
+    return {pair: shapely.union_all(lines[pair]) for pair in sorted(lines)}
+
+
+def _refine(
+    region: MultiPolygon, frame: PlaneFrame, neighbours: Iterable[tuple[Plane, BaseGeometry]], config: ExtentConfig
+) -> MultiPolygon:
+    """Both 10 % rules: first extend towards every neighbour, then cut what pokes through."""
+    area = region.area
+    if area == 0:
+        return region
+    touching = []
+    for plane, contact in neighbours:
+        # The neighbour's plane in this frame: s(u, v) = a u + b v + c, a distance once divided by |(a, b)| = sin(angle).
+        line = np.append(frame.axes @ plane.normal, plane.normal @ frame.origin + plane.d)
+        sine = float(np.hypot(line[0], line[1]))
+        if sine < np.sin(np.deg2rad(config.min_angle_deg)):
+            continue
+        line /= sine
+        inside = region.intersection(_half_plane(line, shapely.union_all([region, contact])))
+        touching.append((line if inside.area >= area / 2 else -line, contact))
+    for line, contact in touching:
+        gap = _gap(region, line, contact)
+        if gap.area <= config.max_growth * area:
+            region = polygons(region.union(gap))
+    for line, contact in touching:
+        beyond = _beyond(region, line, contact)
+        if beyond.area <= config.max_cut * area:
+            region = polygons(region.difference(beyond))
+    return region
+
+
+def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
+    """What lies between the intersection line and the region's boundary along the contact: the boundary's shadow on the line.
+
+    ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
+    """
+    reach = 2 * float(np.abs(_homogeneous(shapely.get_coordinates(contact)) @ line).max())
+    boundary = region.boundary.intersection(contact.buffer(reach)).intersection(_half_plane(line, region))
+    quads = []
+    for part in shapely.get_parts(_flat(boundary)):
+        points = shapely.get_coordinates(part)
+        feet = points - (_homogeneous(points) @ line)[:, None] * line[:2]
+        # A hair into the region, so that the union leaves no seam.
+        points = points + 1e-6 * reach * line[:2]
+        quads += [Polygon([*points[k : k + 2], *feet[k : k + 2][::-1]]) for k in range(len(points) - 1)]
+    return shapely.union_all([quad for quad in quads if quad.is_valid])
+
+
+def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
+    """The pieces beyond the intersection line that lie mostly along the contact; an alcove further along is none of them."""
+    direction = np.array([-line[1], line[0]])
+
+    def interval(geometry: BaseGeometry) -> BaseGeometry:
+        along = shapely.get_coordinates(geometry) @ direction
+        return shapely.box(along.min(), 0, along.max(), 1)
+
+    touched = shapely.union_all([interval(part) for part in shapely.get_parts(contact)])
+    pieces = polygons(region.intersection(_half_plane(-line, region)))
+    spans = [(piece, interval(piece)) for piece in pieces.geoms]
+    return shapely.union_all([piece for piece, span in spans if touched.intersection(span).area >= span.area / 2])

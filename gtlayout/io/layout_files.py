@@ -1,0 +1,250 @@
+"""The results of a solve as files: layout.json, layout.ply, layout.glb, quality.json, config.json."""
+
+from __future__ import annotations
+
+import platform
+from dataclasses import asdict
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import trimesh
+from shapely import MultiPolygon, Polygon
+
+from gtlayout import __version__
+from gtlayout.config import Config
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import read_json, write_atomic, write_json_atomic
+from gtlayout.layout import Extent, Instance, Layout, Mesh, Plane, PlaneFrame
+from gtlayout.quality import Quality
+from gtlayout.scene import FloatArray, Label, Scene
+
+FORMAT = "gtlayout-layout/1"
+_PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
+LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
+    "floor": (201, 148, 86),
+    "ceiling": (150, 150, 160),
+    "wall": (86, 150, 201),
+    "slanted": (160, 110, 200),
+    "door": (214, 90, 80),
+    "window": (90, 200, 190),
+}
+"""RGB of each label in meshes and pictures."""
+
+
+def write_results(out_dir: Path, scene: Scene, layout: Layout, quality: Quality, config: Config) -> None:
+    """Write all result files. Everything is made before the first is written; each appears whole or not at all.
+
+    Raises:
+        GtlayoutError: the folder or disk does not take them.
+    """
+    ply, glb = _ply(layout), _glb(layout)
+    write_atomic(out_dir / "layout.ply", ply)
+    write_atomic(out_dir / "layout.glb", glb)
+    write_json_atomic(out_dir / "quality.json", _quality(scene, layout, quality))
+    versions = {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
+    write_json_atomic(out_dir / "config.json", {"versions": versions, "config": asdict(config)})
+    # Last, because it is what says that a scene is solved.
+    write_json_atomic(out_dir / "layout.json", _layout(scene, layout, quality, config))
+
+
+def read_layout(out_dir: Path) -> Layout:
+    """Read a layout back from its layout.json (without the mesh's triangles).
+
+    Raises:
+        GtlayoutError: the file is absent or not a layout.
+    """
+    path = out_dir / "layout.json"
+    data = read_json(path)
+    if data.get("format") != FORMAT:
+        raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
+    try:
+        names = [row["name"] for row in data["elements"]]
+        parts = [_read_element(row, names) for row in data["elements"]]
+        metric = bool(data["metric"])
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
+    instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
+    no_mesh = Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
+    return Layout(instances, planes, extents, no_mesh, metric)
+
+
+def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> dict[str, Any]:
+    elements = []
+    parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
+    for instance, plane, extent, judged in parts:
+        elements.append(
+            {
+                "name": instance.name,
+                "label": instance.label,
+                "host": None if instance.host is None else layout.instances[instance.host].name,
+                "members": [
+                    {
+                        "image": scene.frame_of(k).name,
+                        "element": scene.key_frames[k].elements[e].id,
+                        "key_frame": k,
+                        "index": e,
+                    }
+                    for k, e in instance.members
+                ],
+                "plane": {
+                    "normal": plane.normal,
+                    "d": plane.d,
+                    "covariance": plane.covariance,
+                    "observable": plane.observable,
+                    "note": plane.note,
+                    "tracks": plane.tracks,
+                    "sigma_normal_deg": judged.sigma_normal_deg,
+                    "sigma_depth": judged.sigma_depth,
+                },
+                "extent": {
+                    "area": extent.region.area,
+                    "origin": extent.frame.origin,
+                    "axes": extent.frame.axes,
+                    "polygons": _rings(extent.region, extent.frame),
+                    "unrefined": _rings(extent.unrefined, extent.frame),
+                },
+                "iou": judged.iou,
+                "verdict": judged.verdict,
+                "reason": judged.reason,
+            }
+        )
+    return {
+        "format": FORMAT,
+        "version": __version__,
+        "seed": config.seed,
+        "metric": layout.metric,
+        "unit": "m" if layout.metric else "scene unit",
+        "convention": "plane n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras",
+        "elements": elements,
+    }
+
+
+def _rings(region: MultiPolygon, frame: PlaneFrame) -> list[list[FloatArray]]:
+    """Per polygon its outer ring and holes as (N, 3) world points, without the repeated last point."""
+    return [
+        [frame.to_world(shapely.get_coordinates(ring)[:-1]) for ring in (polygon.exterior, *polygon.interiors)]
+        for polygon in region.geoms
+    ]
+
+
+def _read_element(row: dict[str, Any], names: list[str]) -> tuple[Instance, Plane, Extent]:
+    members = tuple((int(member["key_frame"]), int(member["index"])) for member in row["members"])
+    instance = Instance(row["name"], row["label"], members, None if row["host"] is None else names.index(row["host"]))
+    plane = row["plane"]
+    frame = PlaneFrame(_numbers(row["extent"]["origin"]), _numbers(row["extent"]["axes"]))
+    return (
+        instance,
+        Plane(
+            _numbers(plane["normal"]),
+            float(_numbers(plane["d"])),
+            _numbers(plane["covariance"]),
+            bool(plane["observable"]),
+            plane["note"],
+            int(plane["tracks"]),
+        ),
+        Extent(frame, _region(row["extent"]["polygons"], frame), _region(row["extent"]["unrefined"], frame)),
+    )
+
+
+def _numbers(value: Any) -> FloatArray:
+    """An array in which JSON's null is NaN."""
+    return np.asarray(value, dtype=object).astype(np.float64)
+
+
+def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:
+    rings = [[frame.to_plane(np.asarray(ring, dtype=np.float64)) for ring in polygon] for polygon in polygons]
+    return MultiPolygon([Polygon(outer, holes) for outer, *holes in rings])
+
+
+def _ply(layout: Layout) -> bytes:
+    """Binary PLY in the world frame and unit of the input cameras, a colour per face by label."""
+    mesh = layout.mesh
+    colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
+    surface = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
+    return bytes(trimesh.exchange.ply.export_ply(surface, encoding="binary"))
+
+
+def _glb(layout: Layout) -> bytes:
+    """GLB with one named node and material per element, y up: rotated so that the floor (or the ceiling) is level."""
+    mesh = layout.mesh
+    turn = _y_up(layout)
+    scene = trimesh.Scene()
+    for i, instance in enumerate(layout.instances):
+        faces = mesh.faces[mesh.face_instance == i]
+        if len(faces) == 0:
+            continue
+        used, renumbered = np.unique(faces, return_inverse=True)
+        material = trimesh.visual.material.PBRMaterial(
+            name=instance.name,
+            baseColorFactor=[*LABEL_COLORS[instance.label], 255],
+            metallicFactor=0.0,
+            roughnessFactor=1.0,
+            doubleSided=True,
+        )
+        scene.add_geometry(
+            trimesh.Trimesh(
+                mesh.vertices[used] @ turn.T,
+                renumbered.reshape(-1, 3),
+                visual=trimesh.visual.TextureVisuals(material=material),
+                process=False,
+            ),
+            node_name=instance.name,
+            geom_name=instance.name,
+        )
+    if not scene.geometry:
+        # glTF knows no empty scene in trimesh's writer.
+        scene.add_geometry(trimesh.Trimesh(), geom_name="empty")
+    scene.metadata = {"metric": layout.metric}
+    return bytes(trimesh.exchange.gltf.export_glb(scene))
+
+
+def _y_up(layout: Layout) -> FloatArray:
+    """(3, 3) rotation that turns the floor's normal to +y; without a floor the ceiling's to −y; without either none."""
+    for label, sign in (("floor", 1.0), ("ceiling", -1.0)):
+        for instance, plane in zip(layout.instances, layout.planes, strict=True):
+            if instance.label == label and plane.observable:
+                rotation: FloatArray = trimesh.geometry.align_vectors(plane.normal, [0.0, sign, 0.0])[:3, :3]
+                return rotation
+    return np.eye(3)
+
+
+def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:
+    def name(k: int) -> str:
+        return scene.frame_of(k).name
+
+    worst = quality.elements[quality.worst_element]
+    return {
+        "iou": quality.iou,
+        "accepted": quality.accepted,
+        "openings_iou": quality.openings_iou,
+        "worst_frame": {"image": name(quality.worst_frame), "iou": quality.frames[quality.worst_frame]},
+        "worst_element": {
+            "image": name(worst.key_frame),
+            "element": scene.key_frames[worst.key_frame].elements[worst.element].id,
+            "instance": layout.instances[worst.instance].name,
+            "iou": worst.iou,
+        },
+        "frames": [
+            {
+                "image": name(k),
+                "iou": iou,
+                "elements": [
+                    {
+                        "element": scene.key_frames[k].elements[e.element].id,
+                        "instance": layout.instances[e.instance].name,
+                        "iou": e.iou,
+                    }
+                    for e in quality.elements
+                    if e.key_frame == k
+                ],
+            }
+            for k, iou in enumerate(quality.frames)
+        ],
+        "instances": [
+            {"name": instance.name, **asdict(judged)}
+            for instance, judged in zip(layout.instances, quality.instances, strict=True)
+        ],
+    }

@@ -1,0 +1,99 @@
+"""Stage 6: triangles with labels, sharing their vertices where elements touch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from shapely import MultiPoint, MultiPolygon
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.layout import Extent, Instance, Mesh
+from gtlayout.scene import FloatArray, IntArray
+
+_WELD_SHARE = 1e-3
+"""Vertices closer than this share of the layout's size are one: a few millimetres in a room."""
+
+
+def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh:
+    """Triangulate every extent; openings are cut out of their hosts, so that nothing is drawn twice.
+
+    Where two elements touch, each takes over the other's vertices along the common line and both are welded there.
+    """
+    regions = [
+        shapely.difference(
+            extent.region, _openings_in(extent, [extents[j] for j in range(len(extents)) if instances[j].host == i])
+        )
+        for i, extent in enumerate(extents)
+    ]
+    corners = [
+        extent.frame.to_world(shapely.get_coordinates(region)) for region, extent in zip(regions, extents, strict=True)
+    ]
+    everything = np.concatenate(corners) if corners else np.empty((0, 3))
+    if len(everything) == 0:
+        return Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
+    reach = _WELD_SHARE * float(np.linalg.norm(np.ptp(everything, axis=0)))
+    triangles, owners = [], []
+    for i, (region, extent) in enumerate(zip(regions, extents, strict=True)):
+        others = np.concatenate([corner for j, corner in enumerate(corners) if j != i] or [np.empty((0, 3))])
+        parts = _triangulate(_take_over(region, extent, others, reach))
+        for part in parts:
+            triangles.append(extent.frame.to_world(part))
+            owners.append(i)
+    soup = np.concatenate(triangles) if triangles else np.empty((0, 3))
+    vertices, index = _weld(soup, reach)
+    faces = index.reshape(-1, 3)
+    # Welding can close a sliver.
+    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return Mesh(vertices, faces[proper], np.array(owners, dtype=np.int64)[proper])
+
+
+def _openings_in(host: Extent, openings: Sequence[Extent]) -> BaseGeometry:
+    """The openings' outlines, dropped onto the host's plane, in its frame."""
+    return shapely.union_all(
+        [
+            shapely.make_valid(
+                shapely.transform(one.region, lambda uv, frame=one.frame: host.frame.to_plane(frame.to_world(uv)))
+            )
+            for one in openings
+        ]
+    )
+
+
+def _take_over(region: BaseGeometry, extent: Extent, others_world: FloatArray, reach: float) -> BaseGeometry:
+    """A region whose boundary passes through the vertices of others that lie on it."""
+    if region.is_empty or len(others_world) == 0:
+        return region
+    uv = extent.frame.to_plane(others_world)
+    height = np.linalg.norm(others_world - extent.frame.to_world(uv), axis=1)
+    near = uv[height < reach]
+    near = near[shapely.distance(shapely.points(near), region.boundary) < reach] if len(near) else near
+    snapped = shapely.make_valid(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
+    return snapped if abs(snapped.area - region.area) < 0.1 * region.area else region
+
+
+def _triangulate(region: BaseGeometry) -> list[FloatArray]:
+    """(3, 2) corners of each triangle, counter-clockwise."""
+    polygons = [part for part in shapely.get_parts(region) if part.geom_type == "Polygon"]
+    found = shapely.get_parts(shapely.constrained_delaunay_triangles(MultiPolygon(polygons)))
+    triangles = []
+    for triangle in found:
+        corners = shapely.get_coordinates(triangle)[:3]
+        (a, b), (c, d) = corners[1] - corners[0], corners[2] - corners[0]
+        triangles.append(corners if a * d - b * c > 0 else corners[::-1])
+    return triangles
+
+
+def _weld(points: FloatArray, reach: float) -> tuple[FloatArray, IntArray]:
+    """Vertices, each the mean of points within ``reach`` of each other, and the vertex of every point."""
+    if len(points) == 0:
+        return points, np.empty(0, dtype=np.int64)
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    count, vertex = connected_components(links, directed=False)
+    sums = np.column_stack([np.bincount(vertex, weights=axis, minlength=count) for axis in points.T])
+    return sums / np.bincount(vertex, minlength=count)[:, None], vertex.astype(np.int64)

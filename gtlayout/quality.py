@@ -1,0 +1,141 @@
+"""Stage 7: reprojection IoU by rendering, uncertainty, and a verdict (paper 3.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from gtlayout.config import QualityConfig
+from gtlayout.layout import Extent, Instance, Plane
+from gtlayout.raster import annotated_labels
+from gtlayout.render import inverse_depth, render
+from gtlayout.scene import Scene
+
+Verdict = Literal["ok", "weak", "unobservable"]
+
+
+@dataclass(frozen=True)
+class ElementIoU:
+    """One annotated element, with the doors and windows in it, against the rendering of its instance."""
+
+    key_frame: int
+    element: int
+    instance: int
+    iou: float
+
+
+@dataclass(frozen=True)
+class InstanceQuality:
+    """What one instance is worth."""
+
+    iou: float
+    """Mean over the key frames that show it."""
+    sigma_normal_deg: float
+    sigma_depth: float
+    """σ of its depth at the centroid of its largest annotated polygon, world unit."""
+    depth: float
+    """That depth, world unit."""
+    verdict: Verdict
+    reason: str
+    """Why it is not ok; empty when it is."""
+
+
+@dataclass(frozen=True)
+class Quality:
+    """The verdict on a layout."""
+
+    iou: float
+    """Mean over the key frames of the mean over their structural elements. Doors and windows count as part of the wall they
+    lie in, as in the CAD-Estate release, which stores them so; ``openings_iou`` judges them alone.
+    """
+    accepted: bool
+    openings_iou: float | None
+    """Mean IoU of the doors and windows that have a host; None when there are none."""
+    frames: tuple[float, ...]
+    """Mean IoU of each key frame; NaN for one that shows nothing but doors and windows."""
+    elements: tuple[ElementIoU, ...]
+    """Every annotated element."""
+    instances: tuple[InstanceQuality, ...]
+    """One per instance."""
+    worst_frame: int
+    """Index of the key frame with the lowest IoU."""
+    worst_element: int
+    """Index into ``elements`` of the lowest IoU: the one to redraw first."""
+
+
+def assess(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    extents: Sequence[Extent],
+    config: QualityConfig,
+) -> Quality:
+    """Render the layout into every key frame and compare it with the annotation."""
+    elements = []
+    for k in range(len(scene.key_frames)):
+        rendered, _ = render(planes, extents, instances, scene.frame_of(k).camera)
+        annotated = annotated_labels(scene, instances, k)
+        for i, instance in enumerate(instances):
+            own = [i, *(j for j, other in enumerate(instances) if other.host == i)]
+            for frame, element in instance.members:
+                if frame == k:
+                    elements.append(ElementIoU(k, element, i, _iou(np.isin(rendered, own), np.isin(annotated, own))))
+    hosted = [instance.host is not None for instance in instances]
+    frames = [
+        [e.iou for e in elements if e.key_frame == k and not hosted[e.instance]] for k in range(len(scene.key_frames))
+    ]
+    frame_ious = [float(np.mean(ious)) if ious else np.nan for ious in frames]
+    iou = float(np.nanmean(frame_ious))
+    in_walls = [e.iou for e in elements if hosted[e.instance]]
+    return Quality(
+        iou=iou,
+        accepted=iou >= config.accept_iou,
+        openings_iou=float(np.mean(in_walls)) if in_walls else None,
+        frames=tuple(frame_ious),
+        elements=tuple(elements),
+        instances=tuple(
+            _judge(scene, instance, plane, [e.iou for e in elements if e.instance == i], config)
+            for i, (instance, plane) in enumerate(zip(instances, planes, strict=True))
+        ),
+        worst_frame=int(np.nanargmin(frame_ious)),
+        worst_element=int(np.argmin([e.iou for e in elements])),
+    )
+
+
+def _iou(a: np.ndarray, b: np.ndarray) -> float:  # type: ignore[type-arg]
+    union = np.count_nonzero(a | b)
+    return np.count_nonzero(a & b) / union if union else 0.0
+
+
+def _judge(
+    scene: Scene, instance: Instance, plane: Plane, ious: Sequence[float], config: QualityConfig
+) -> InstanceQuality:
+    iou = float(np.mean(ious))
+    if not plane.observable:
+        return InstanceQuality(iou, np.nan, np.nan, np.nan, "unobservable", plane.note)
+    sigma_depth, depth = _depth_at_centroid(scene, instance, plane)
+    sigma_normal_deg = plane.sigma_normal_deg
+    reasons = [plane.note] if plane.note else []
+    if iou < config.accept_iou:
+        reasons.append(f"IoU below {config.accept_iou:g}")
+    if sigma_normal_deg > config.max_sigma_normal_deg:
+        reasons.append(f"normal uncertain by more than {config.max_sigma_normal_deg:g}°")
+    if not sigma_depth <= config.max_sigma_depth_share * depth:
+        reasons.append(f"depth uncertain by more than {100 * config.max_sigma_depth_share:g} %")
+    return InstanceQuality(iou, sigma_normal_deg, sigma_depth, depth, "weak" if reasons else "ok", "; ".join(reasons))
+
+
+def _depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
+    """σ of the depth, and the depth, where the plane is seen through the centroid of the largest annotated polygon."""
+    k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
+    camera = scene.frame_of(k).camera
+    centroid = scene.key_frames[k].elements[element].amodal.centroid
+    pixel = np.array([[centroid.x, centroid.y]])
+    inverse = float(np.append(pixel[0], 1.0) @ inverse_depth(plane, camera))
+    if inverse <= 0:
+        return np.nan, np.nan
+    ray = camera.rays_world(pixel)[0]
+    return plane.sigma_depth(camera.center_world + ray / inverse, ray), 1 / inverse

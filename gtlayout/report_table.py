@@ -1,0 +1,110 @@
+"""Results as tables: for the terminal and, as Markdown, for the rerun viewer."""
+
+from __future__ import annotations
+
+from rich.table import Table
+
+from gtlayout.evaluation import Evaluation
+from gtlayout.layout import Layout
+from gtlayout.quality import Quality
+from gtlayout.scene import Scene
+
+_COLUMNS = ("instance", "label", "area", "frames", "tracks", "σ normal", "σ depth", "IoU", "verdict")
+_STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
+
+
+def element_table(layout: Layout, quality: Quality) -> Table:
+    """One row per instance."""
+    table = Table()
+    for column in _COLUMNS:
+        table.add_column(
+            column, no_wrap=True, justify="left" if column in ("instance", "label", "verdict") else "right"
+        )
+    for row, judged in zip(_rows(layout, quality), quality.instances, strict=True):
+        table.add_row(*row, style=_STYLES[judged.verdict] if judged.verdict != "ok" else None)
+    return table
+
+
+def reasons(layout: Layout, quality: Quality) -> list[str]:
+    """Why each element that is not ok is not: one line an element."""
+    return [
+        f"{instance.name} is {judged.verdict}: {judged.reason}"
+        for instance, judged in zip(layout.instances, quality.instances, strict=True)
+        if judged.reason
+    ]
+
+
+def verdict(scene: Scene, layout: Layout, quality: Quality) -> str:
+    """One line: accepted or not, and what to redraw first."""
+    worst = quality.elements[quality.worst_element]
+    frame = scene.frame_of(worst.key_frame).name
+    element = scene.key_frames[worst.key_frame].elements[worst.element].id
+    openings = "" if quality.openings_iou is None else f" (doors and windows alone {quality.openings_iou:.3f})"
+    return (
+        f"{'Accepted' if quality.accepted else 'NOT accepted'}: IoU {quality.iou:.3f}{openings}. "
+        f"Worst frame {scene.frame_of(quality.worst_frame).name} ({quality.frames[quality.worst_frame]:.3f}), "
+        f"worst element {layout.instances[worst.instance].name} = {element} in {frame} ({worst.iou:.3f})."
+    )
+
+
+def markdown(layout: Layout, quality: Quality) -> str:
+    """The table of elements as Markdown."""
+    lines = [
+        f"**{'Accepted' if quality.accepted else 'Not accepted'}**, IoU {quality.iou:.3f}",
+        "",
+        "|" + "|".join(_COLUMNS) + "|",
+        "|" + "---|" * len(_COLUMNS),
+    ]
+    lines += ["|" + "|".join(row) + "|" for row in _rows(layout, quality)]
+    lines += ["", *(f"- {reason}" for reason in reasons(layout, quality))]
+    return "\n".join(lines)
+
+
+def evaluation_table(evaluation: Evaluation) -> Table:
+    """All figures of an evaluation, with their units."""
+    unit = "m" if evaluation.metric else "units"
+    table = Table()
+    table.add_column("measure")
+    table.add_column("value", justify="right")
+    table.add_row("reprojection IoU", f"{evaluation.iou:.4f} ({'accepted' if evaluation.accepted else 'not accepted'})")
+    if evaluation.openings_iou is not None:
+        table.add_row("IoU of doors and windows alone", f"{evaluation.openings_iou:.4f}")
+    if evaluation.unobservable:
+        table.add_row("unobservable", ", ".join(evaluation.unobservable))
+    if (depth := evaluation.depth) is not None:
+        table.add_row("depth error ε, mean", f"{depth.mean:.4f} {unit}")
+        table.add_row("… without the worst 1 % of pixels", f"{depth.trimmed_mean:.4f} {unit}")
+        table.add_row("… median", f"{depth.median:.4f} {unit}")
+        table.add_row("… pixels (of these without a surface)", f"{depth.pixels} ({depth.missing})")
+        for name, mean, pixels in depth.by_instance:
+            table.add_row(f"  {name}", f"{mean:.4f} {unit} on {pixels} px")
+    for plane in evaluation.planes:
+        table.add_row(f"{plane.truth} ({plane.instance})", f"{plane.normal_deg:.2f}°, {plane.offset:.4f} {unit} off")
+    for name in evaluation.missing_planes:
+        table.add_row(name, "no observable instance")
+    if evaluation.elements:
+        table.add_row(
+            "elements on the right instance", f"{evaluation.elements_on_right_instance} of {evaluation.elements}"
+        )
+    return table
+
+
+def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
+    unit = "m" if layout.metric else "u"
+    rows = []
+    parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
+    for instance, plane, extent, judged in parts:
+        rows.append(
+            (
+                instance.name,
+                instance.label,
+                f"{extent.region.area:.2f} {unit}²",
+                str(len(instance.members)),
+                str(plane.tracks),
+                f"{judged.sigma_normal_deg:.2f}°" if plane.observable else "–",
+                f"{judged.sigma_depth:.3f} {unit}" if plane.observable else "–",
+                f"{judged.iou:.3f}",
+                judged.verdict,
+            )
+        )
+    return rows

@@ -1,0 +1,268 @@
+"""Logs each stage to rerun. Import it only when a log is wanted: importing rerun takes most of a second.
+
+Timelines: ``frame`` (index in the video) and ``iteration`` (Levenberg-Marquardt). What has no time is static.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import rerun as rr
+
+from gtlayout.blueprint import blueprint
+from gtlayout.edges import ContactEdge
+from gtlayout.errors import GtlayoutError
+from gtlayout.estimation import Estimate
+from gtlayout.io.images import read_rgb
+from gtlayout.layout import Extent, Instance, Layout, Mesh
+from gtlayout.quality import Quality
+from gtlayout.raster import annotated_labels, rings_of
+from gtlayout.render import render
+from gtlayout.report_table import markdown
+from gtlayout.scene import FloatArray, ImageArray, IntArray, Label, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.visualize import Observer
+
+APPLICATION = "gtlayout"
+JPEG_QUALITY = 75
+"""Keeps the log of 240 VGA frames near 10 MB."""
+TAIL_FRAMES = 5
+"""Length of the tail drawn behind each tracked point."""
+OUTVOTED = 0.1
+"""Tracks of less robust weight are drawn grey."""
+
+Colors = npt.NDArray[np.uint8]
+
+_LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
+    "floor": (201, 148, 86),
+    "ceiling": (150, 150, 160),
+    "wall": (86, 150, 201),
+    "slanted": (160, 110, 200),
+    "door": (214, 90, 80),
+    "window": (90, 200, 190),
+}
+_INSTANCE_COLORS: Colors = np.array(
+    [
+        (86, 150, 201), (201, 148, 86), (110, 190, 100), (190, 110, 200), (230, 200, 80), (90, 200, 190),
+        (214, 90, 80), (150, 150, 160), (120, 110, 220), (170, 120, 90), (240, 150, 190), (150, 200, 60),
+    ],
+    dtype=np.uint8,
+)  # fmt: skip
+_GREY = (130, 130, 130)
+_NOTHING = 0
+"""Class of pixels without an element; instance i has class i + 1."""
+
+
+def _instance_colors(index: npt.ArrayLike) -> Colors:
+    return _INSTANCE_COLORS[np.asarray(index, dtype=np.int64) % len(_INSTANCE_COLORS)]
+
+
+def _sigma_colors(sigma: float, unit: float) -> tuple[int, int, int]:
+    """Green at σ = 0, red from σ = ``unit`` on."""
+    share = min(sigma / unit, 1.0) if np.isfinite(sigma) else 1.0
+    return int(40 + 190 * share), int(190 - 140 * share), 60
+
+
+class RerunObserver(Observer):
+    """Logs to a rerun recording; stages and progress are handed on to ``progress``."""
+
+    def __init__(self, recording: rr.RecordingStream, progress: Observer) -> None:
+        self._recording = recording
+        self._progress = progress
+        self._scene: Scene
+        self._tracks: Tracks
+        self._instances: tuple[Instance, ...] = ()
+
+    def stage(self, name: str) -> None:
+        """Hand on."""
+        self._progress.stage(name)
+
+    def progress(self, done: int, total: int) -> None:
+        """Hand on."""
+        self._progress.progress(done, total)
+
+    def scene(self, scene: Scene) -> None:
+        """Video, cameras and annotations."""
+        self._scene = scene
+        record = self._recording
+        record.send_blueprint(blueprint(scene, target_world=None))
+        centers = np.array([frame.camera.center_world for frame in scene.frames])
+        record.log("world/path", rr.LineStrips3D([centers], colors=_GREY), static=True)
+        key_frame_of = {key_frame.frame: number for number, key_frame in enumerate(scene.key_frames)}
+        for index, frame in enumerate(scene.frames):
+            record.set_time("frame", sequence=index)
+            camera = frame.camera
+            pose = rr.Transform3D(translation=camera.center_world, mat3x3=camera.R_cam_from_world.T)
+            pinhole = rr.Pinhole(image_from_camera=camera.K, width=camera.width, height=camera.height)
+            record.log("world/camera", pose)
+            record.log("world/camera/image", pinhole)
+            try:
+                image = _jpeg(read_rgb(frame))
+            except GtlayoutError:
+                continue  # the tracker reports it
+            record.log("world/camera/image/rgb", image)
+            if index in key_frame_of:
+                record.log("key_frame/rgb", image)
+                self._annotation(key_frame_of[index])
+
+    def _annotation(self, number: int) -> None:
+        key_frame = self._scene.key_frames[number]
+        for kind in ("amodal", "visible"):
+            rings, colors, labels = [], [], []
+            for element in key_frame.elements:
+                for ring in rings_of(getattr(element, kind)):
+                    rings.append(_closed(ring))
+                    colors.append(_LABEL_COLORS[element.label])
+                    labels.append(f"{element.label} {element.id}")
+            shown = labels if kind == "amodal" else None
+            self._recording.log(f"key_frame/{kind}", rr.LineStrips2D(rings, colors=colors, labels=shown, radii=-1.5))
+        occlusion = rr.LineStrips2D(list(key_frame.occlusion_edges), colors=(230, 40, 40), radii=-2.0)
+        self._recording.log("key_frame/occlusion_edges", occlusion)
+
+    def tracks(self, tracks: Tracks) -> None:
+        """Tails of the tracks, coloured by the label they were sampled on."""
+        self._tracks = tracks
+        labels = [[element.label for element in key_frame.elements] for key_frame in self._scene.key_frames]
+        colors = np.array(
+            [_LABEL_COLORS[labels[k][e]] for k, e in zip(tracks.key_frame, tracks.element, strict=True)], dtype=np.uint8
+        ).reshape(-1, 3)
+        for index in range(len(self._scene.frames)):
+            self._recording.set_time("frame", sequence=index)
+            recent = (tracks.frame <= index) & (tracks.frame > index - TAIL_FRAMES)
+            alive = np.isin(tracks.track, tracks.track[tracks.frame == index])
+            seen = np.flatnonzero(recent & alive)
+            owners, starts = np.unique(tracks.track[seen], return_index=True)
+            tails = np.split(tracks.points_px[seen], starts[1:]) if len(seen) else []
+            strips = rr.LineStrips2D(tails, colors=colors[owners], radii=-0.75)
+            self._recording.log("world/camera/image/tails", strips)
+
+    def instances(self, instances: tuple[Instance, ...], track_instance: IntArray) -> None:
+        """Tracked points coloured by instance, grey where they belong to none."""
+        self._instances = instances
+        names = [rr.AnnotationInfo(_NOTHING, "nothing", (0, 0, 0, 0))]
+        names += [rr.AnnotationInfo(i + 1, inst.name, _instance_colors(i)) for i, inst in enumerate(instances)]
+        self._recording.log("key_frame", rr.AnnotationContext(names), static=True)
+        for index in range(len(self._scene.frames)):
+            self._recording.set_time("frame", sequence=index)
+            now = self._tracks.frame == index
+            owner = track_instance[self._tracks.track[now]]
+            colors = np.where(owner[:, None] >= 0, _instance_colors(owner), np.uint8(_GREY[0]))
+            points = rr.Points2D(self._tracks.points_px[now], colors=colors, radii=-2.5)
+            self._recording.log("world/camera/image/points", points)
+
+    def edges(self, edges: tuple[ContactEdge, ...]) -> None:
+        """Contact edges of each key frame."""
+        for number, key_frame in enumerate(self._scene.key_frames):
+            self._recording.set_time("frame", sequence=key_frame.frame)
+            here = [edge for edge in edges if edge.key_frame == number]
+            points = [edge.points_px for edge in here]
+            labels = [" | ".join(self._instances[i].name for i in edge.instances) for edge in here]
+            strips = rr.LineStrips2D(points, labels=labels, show_labels=False, colors=(255, 230, 0), radii=-2.5)
+            self._recording.log("key_frame/contact_edges", strips)
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Landmarks coloured by instance; planes and cost per iteration."""
+        used = np.isfinite(estimate.landmarks).all(axis=1)
+        outvoted = used & (estimate.landmark_weight < OUTVOTED)
+        record = self._recording
+        for index, instance in enumerate(self._instances):
+            points = estimate.landmarks[used & ~outvoted & (estimate.landmark_instance == index)]
+            cloud = rr.Points3D(points, colors=_instance_colors(index), radii=-2.0)
+            record.log(f"world/landmarks/{instance.name}", cloud, static=True)
+        cloud = rr.Points3D(estimate.landmarks[outvoted], colors=_GREY, radii=-1.0)
+        record.log("world/landmarks/outvoted", cloud, static=True)
+        patches = [
+            _patch(estimate.landmarks[used & ~outvoted & (estimate.landmark_instance == index)])
+            for index in range(len(self._instances))
+        ]
+        for number, iteration in enumerate(estimate.iterations):
+            record.set_time("iteration", sequence=number)
+            record.log("solver/cost", rr.Scalars(iteration.cost))
+            for index, patch in enumerate(patches):
+                if patch is not None:
+                    square = _on_plane(patch, iteration.planes[index])
+                    strips = rr.LineStrips3D([square], colors=_instance_colors(index), radii=-2.0)
+                    record.log(f"world/planes/{self._instances[index].name}", strips)
+        record.reset_time()
+
+    def extents(self, extents: tuple[Extent, ...]) -> None:
+        """Outlines before and after refinement."""
+        for instance, extent, color in zip(
+            self._instances, extents, _instance_colors(range(len(extents))), strict=True
+        ):
+            for kind, region in (("before", extent.unrefined), ("after", extent.region)):
+                outline = [extent.frame.to_world(_closed(ring)) for ring in rings_of(region)]
+                strips = rr.LineStrips3D(outline, colors=color, radii=-1.5)
+                self._recording.log(f"world/extents/{kind}/{instance.name}", strips, static=True)
+
+    def mesh(self, mesh: Mesh) -> None:
+        """One surface an instance, and a blueprint that looks at the room."""
+        for index, instance in enumerate(self._instances):
+            faces = mesh.faces[mesh.face_instance == index]
+            if len(faces):
+                surface = _surface(mesh.vertices, faces, _instance_colors(index))
+                self._recording.log(f"world/mesh/{instance.name}", surface, static=True)
+        if len(mesh.vertices):
+            target = mesh.vertices.min(axis=0) / 2 + mesh.vertices.max(axis=0) / 2
+            self._recording.send_blueprint(blueprint(self._scene, target))
+
+    def quality(self, layout: Layout, quality: Quality) -> None:
+        """Rendering against annotation, planes coloured by uncertainty, the table of elements."""
+        for number, key_frame in enumerate(self._scene.key_frames):
+            self._recording.set_time("frame", sequence=key_frame.frame)
+            camera = self._scene.frame_of(number).camera
+            rendered, _ = render(layout.planes, layout.extents, layout.instances, camera)
+            annotated = annotated_labels(self._scene, layout.instances, number)
+            for name, labels in (("annotated", annotated), ("rendered", rendered)):
+                self._recording.log(
+                    f"key_frame/{name}", rr.SegmentationImage((labels + 1).astype(np.uint8), opacity=0.6)
+                )
+            differs = np.where(rendered != annotated, annotated + 1, _NOTHING).astype(np.uint8)
+            self._recording.log("key_frame/differs", rr.SegmentationImage(differs, opacity=0.8))
+        for index, row in enumerate(quality.elements):
+            faces = layout.mesh.faces[layout.mesh.face_instance == index]
+            if len(faces):
+                pass
+        self._recording.log(
+            "summary", rr.TextDocument(markdown(layout, quality), media_type="text/markdown"), static=True
+        )
+
+
+def _jpeg(rgb: ImageArray) -> rr.EncodedImage:
+    ok, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert ok, "OpenCV always encodes uint8 colour images"
+    return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
+
+
+def _closed(ring: FloatArray) -> FloatArray:
+    return np.vstack([ring, ring[:1]])
+
+
+def _surface(vertices: FloatArray, faces: IntArray, color: npt.ArrayLike) -> rr.Mesh3D:
+    """Seen from the room's inside only, so that a view from outside looks into the room."""
+    return rr.Mesh3D(
+        vertex_positions=vertices,
+        triangle_indices=faces,
+        albedo_factor=color,
+        face_rendering=rr.components.MeshFaceRendering.Front,
+    )
+
+
+def _patch(landmarks: FloatArray) -> tuple[FloatArray, float] | None:
+    """Where to draw a plane, and how large: centre (3,) and half side of a square; None without landmarks."""
+    if not len(landmarks):
+        return None
+    center = np.median(landmarks, axis=0)
+    return center, float(np.median(np.linalg.norm(landmarks - center, axis=1)))
+
+
+def _on_plane(patch: tuple[FloatArray, float], plane: FloatArray) -> FloatArray:
+    """(5, 3) closed outline of a square on the plane (normal, d)."""
+    center, half = patch
+    normal, d = plane[:3], float(plane[3])
+    center = center - (normal @ center + d) * normal
+    u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    u /= np.linalg.norm(u)
+    v = np.cross(normal, u)
+    return center + half * np.array([u + v, u - v, -u - v, -u + v, u + v])
