@@ -44,6 +44,7 @@ def blueprint(scene: Scene, target_world: FloatArray | None) -> rrb.Blueprint:
                 rrb.Tabs(
                     rrb.TextDocumentView(origin="summary", name="Elements"),
                     rrb.TimeSeriesView(origin="solver", name="Cost (choose timeline `iteration`)"),
+                    rrb.TimeSeriesView(origin="quality", name="IoU by key frame"),
                 ),
                 row_shares=[3, 3, 2],
             ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rich.box import SIMPLE
 from rich.table import Table
 
 from gtlayout.evaluation import Evaluation
@@ -15,7 +16,7 @@ _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
 
 def element_table(layout: Layout, quality: Quality) -> Table:
     """One row per instance."""
-    table = Table()
+    table = Table(box=SIMPLE, padding=(0, 1, 0, 0))
     for column in _COLUMNS:
         table.add_column(
             column, no_wrap=True, justify="left" if column in ("instance", "label", "verdict") else "right"
@@ -63,7 +64,7 @@ def markdown(layout: Layout, quality: Quality) -> str:
 def evaluation_table(evaluation: Evaluation) -> Table:
     """All figures of an evaluation, with their units."""
     unit = "m" if evaluation.metric else "units"
-    table = Table()
+    table = Table(box=SIMPLE)
     table.add_column("measure")
     table.add_column("value", justify="right")
     table.add_row("reprojection IoU", f"{evaluation.iou:.4f} ({'accepted' if evaluation.accepted else 'not accepted'})")
@@ -91,7 +92,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
 
 def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
     unit = "m" if layout.metric else "u"
-    rows = []
+    rows: list[tuple[str, ...]] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
     for instance, plane, extent, judged in parts:
         rows.append(

@@ -29,6 +29,8 @@ JPEG_QUALITY = 75
 """Keeps the log of 240 VGA frames near 10 MB."""
 TAIL_FRAMES = 5
 """Length of the tail drawn behind each tracked point."""
+SIGMA_SHARE_RED = 0.1
+"""σ of depth as a share of depth from which on a plane is drawn red."""
 OUTVOTED = 0.1
 """Tracks of less robust weight are drawn grey."""
 
@@ -58,10 +60,10 @@ def _instance_colors(index: npt.ArrayLike) -> Colors:
     return _INSTANCE_COLORS[np.asarray(index, dtype=np.int64) % len(_INSTANCE_COLORS)]
 
 
-def _sigma_colors(sigma: float, unit: float) -> tuple[int, int, int]:
-    """Green at σ = 0, red from σ = ``unit`` on."""
-    share = min(sigma / unit, 1.0) if np.isfinite(sigma) else 1.0
-    return int(40 + 190 * share), int(190 - 140 * share), 60
+def _sigma_color(share: float) -> Colors:
+    """Green at 0, red from 1 on (and where σ is not known)."""
+    share = min(share, 1.0) if np.isfinite(share) else 1.0
+    return np.array([40 + 190 * share, 190 - 140 * share, 60], dtype=np.uint8)
 
 
 class RerunObserver(Observer):
@@ -220,10 +222,15 @@ class RerunObserver(Observer):
                 )
             differs = np.where(rendered != annotated, annotated + 1, _NOTHING).astype(np.uint8)
             self._recording.log("key_frame/differs", rr.SegmentationImage(differs, opacity=0.8))
-        for index, row in enumerate(quality.elements):
+        for index, judged in enumerate(quality.instances):
             faces = layout.mesh.faces[layout.mesh.face_instance == index]
             if len(faces):
-                pass
+                share = judged.sigma_depth / judged.depth / SIGMA_SHARE_RED
+                surface = _surface(layout.mesh.vertices, faces, _sigma_color(share))
+                self._recording.log(f"world/uncertainty/{self._instances[index].name}", surface, static=True)
+        for number, iou in enumerate(quality.frames):
+            self._recording.set_time("frame", sequence=self._scene.key_frames[number].frame)
+            self._recording.log("quality/iou", rr.Scalars(iou))
         self._recording.log(
             "summary", rr.TextDocument(markdown(layout, quality), media_type="text/markdown"), static=True
         )
@@ -239,7 +246,7 @@ def _closed(ring: FloatArray) -> FloatArray:
     return np.vstack([ring, ring[:1]])
 
 
-def _surface(vertices: FloatArray, faces: IntArray, color: npt.ArrayLike) -> rr.Mesh3D:
+def _surface(vertices: FloatArray, faces: IntArray, color: Colors) -> rr.Mesh3D:
     """Seen from the room's inside only, so that a view from outside looks into the room."""
     return rr.Mesh3D(
         vertex_positions=vertices,
