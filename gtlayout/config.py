@@ -189,11 +189,11 @@ class ExtentConfig:
     min_angle_deg: float = 10.0
     """Planes that meet at less than this angle have no intersection line worth refining to."""
     max_depth_ratio: float = 10.0
-    """A key frame's polygon is clipped where its plane is farther than this many times the scene's median depth."""
+    """A key frame's polygon is clipped where its plane is farther than so many times the scene's median depth."""
     min_horizon_px: float = 10.0
-    """… and where it comes closer than this to the plane's horizon: one pixel there moves the point by a tenth of its depth."""
+    """… and where it comes this near to the plane's horizon: a pixel there moves the point by a tenth of its depth."""
     occluder_margin: float = 0.05
-    """What is drawn nearer than a plane by more than this share of its depth may hide it; all else speaks against it."""
+    """What is drawn nearer than a plane by more than this share of its depth may hide it, all else contradicts it."""
     min_piece: float = 0.005
     """Separate pieces and holes below this share of an element's area are gaps between drawn polygons: dropped."""
 

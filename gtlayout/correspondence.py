@@ -57,9 +57,9 @@ def correspond(
 
     instances = _instances(group, key_frame_of, first_of, labels)
     instance_of = np.empty(len(labels), dtype=np.int64)
-    for i, instance in enumerate(instances):
+    for number, instance in enumerate(instances):
         for k, element in instance.members:
-            instance_of[first_of[k] + element] = i
+            instance_of[first_of[k] + element] = number
     hosts = find_hosts(scene, instances)
     hosted = tuple(replace(instance, host=host) for instance, host in zip(instances, hosts, strict=True))
     return hosted, _majority(seen_on, instance_of, tracks, first_of)

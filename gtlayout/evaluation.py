@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import read_depth
-from gtlayout.io.truth import Truth, TruePlane, read_truth
+from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Extent, Layout
 from gtlayout.quality import assess
 from gtlayout.raster import fill, rings_of

@@ -28,8 +28,8 @@ def compute_extents(
 ) -> tuple[Extent, ...]:
     """Each instance's extent: the union of its unprojected polygons, refined to the planes it touches.
 
-    A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable planes
-    get empty regions.
+    A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable
+    planes get empty regions.
     """
     max_depth = config.max_depth_ratio * median_depth(scene, instances, planes)
     frames = [_plane_frame(plane, scene) for plane in planes]
@@ -49,7 +49,7 @@ def compute_extents(
 
 
 def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
-    """The scene's scale: median depth of the elements' vertices on their planes. World unit; inf when nothing is seen."""
+    """The scene's scale: median depth of the elements' vertices on their planes, world unit; inf when none is seen."""
     depths = []
     for instance, plane in zip(instances, planes, strict=True):
         for key_frame, element in instance.members if plane.observable else ():
@@ -65,10 +65,10 @@ def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[P
 def clip_to_plane(
     region: BaseGeometry, plane: Plane, camera: Camera, max_depth: float, min_horizon_px: float
 ) -> BaseGeometry:
-    """The part of an image region (px) in which the plane lies in front of the camera, near enough, and below its horizon.
+    """The part of an image region (px) in which the plane lies in front of the camera, near and below its horizon.
 
-    Inverse depth is linear in the image, so both limits are one half-plane. Clipping there, not in 3D, is what keeps pixels
-    near the horizon from unprojecting to infinity.
+    Inverse depth is linear in the image, so both limits are one half-plane. Clipping there, not in 3D, is what keeps
+    pixels near the horizon from unprojecting to infinity.
     """
     inverse = inverse_depth(plane, camera)
     slope = float(np.hypot(inverse[0], inverse[1]))
@@ -144,9 +144,9 @@ def _consensus(
 ) -> BaseGeometry:
     """What most key frames say an instance covers, in its plane's frame.
 
-    The paper takes the union of the polygons of all key frames: every slip of a hand or a camera then adds to it. Here the
-    polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see something
-    else there, on or behind the plane, than see the instance. Something in front may hide it: no vote.
+    The paper takes the union of the polygons of all key frames: every slip of a hand or a camera then adds to it. Here
+    the polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see
+    something else there, on or behind the plane, than see the instance. Something in front may hide it: no vote.
     """
     plane = planes[index]
     pieces = []
@@ -220,7 +220,7 @@ def _unproject_edges(
     max_depth: float,
     config: ExtentConfig,
 ) -> dict[tuple[int, int], BaseGeometry]:
-    """For each ordered pair (i, j) that touches: the contact edges in i's frame. A door's count for its host as well."""
+    """The contact edges in i's frame for each ordered pair (i, j) that touches. A door's count for its host as well."""
     lines: dict[tuple[int, int], list[BaseGeometry]] = {}
     for edge in edges:
         camera = scene.frame_of(edge.key_frame).camera
@@ -247,7 +247,7 @@ def _refine(
         return region
     touching = []
     for plane, contact in neighbours:
-        # The neighbour's plane in this frame: s(u, v) = a u + b v + c, a distance once divided by |(a, b)| = sin(angle).
+        # The neighbour's plane in this frame is a u + b v + c: a distance once divided by |(a, b)| = sin(angle).
         line = np.append(frame.axes @ plane.normal, plane.normal @ frame.origin + plane.d)
         sine = float(np.hypot(line[0], line[1]))
         if sine < np.sin(np.deg2rad(config.min_angle_deg)):
@@ -267,7 +267,7 @@ def _refine(
 
 
 def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
-    """What lies between the intersection line and the region's boundary along the contact: the boundary's shadow on the line.
+    """What lies between the intersection line and the region's boundary along the contact: its shadow on the line.
 
     ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
     """
@@ -284,7 +284,7 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseG
 
 
 def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
-    """The pieces beyond the intersection line that lie mostly along the contact; an alcove further along is none of them."""
+    """The pieces beyond the intersection line mostly along the contact; an alcove further along is none of them."""
     direction = np.array([-line[1], line[0]])
 
     def interval(geometry: BaseGeometry) -> BaseGeometry:

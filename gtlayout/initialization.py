@@ -76,7 +76,7 @@ class _Search:
         return chosen
 
     def _cost(self, surface: int, index: IntArray, hypotheses: FloatArray, planes: FloatArray) -> FloatArray:
-        """(H,) cost of putting ``surface`` at each hypothesis while all others stay at ``planes`` (NaN = not placed)."""
+        """(H,) cost of ``surface`` at each hypothesis while all others stay at ``planes`` (NaN = not placed)."""
         config, evidence = self.config, self.evidence
         depth = evidence.views[surface].depths(hypotheses)
         absurd = (depth < self.depth_range[0]) | (depth > self.depth_range[1])

@@ -12,7 +12,7 @@ from gtlayout.config import QualityConfig
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import annotated_labels
 from gtlayout.render import inverse_depth, render
-from gtlayout.scene import Scene
+from gtlayout.scene import BoolArray, Scene
 
 Verdict = Literal["ok", "weak", "unobservable"]
 
@@ -48,8 +48,8 @@ class Quality:
     """The verdict on a layout."""
 
     iou: float
-    """Mean over the key frames of the mean over their structural elements. Doors and windows count as part of the wall they
-    lie in, as in the CAD-Estate release, which stores them so; ``openings_iou`` judges them alone.
+    """Mean over the key frames of the mean over their structural elements. Doors and windows count as part of the wall
+    they lie in, as in the CAD-Estate release, which stores them so; ``openings_iou`` judges them alone.
     """
     accepted: bool
     openings_iou: float | None
@@ -105,7 +105,7 @@ def assess(
     )
 
 
-def _iou(a: np.ndarray, b: np.ndarray) -> float:  # type: ignore[type-arg]
+def _iou(a: BoolArray, b: BoolArray) -> float:
     union = np.count_nonzero(a | b)
     return np.count_nonzero(a & b) / union if union else 0.0
 

@@ -25,7 +25,7 @@ def rings_of(region: MultiPolygon) -> list[FloatArray]:
 
 
 def fill(rings: Sequence[FloatArray], height: int, width: int) -> BoolArray:
-    """Even-odd fill: (height, width) mask of the pixels whose centre lies inside the rings ((N, 2) px, any coordinates)."""
+    """Even-odd fill: (height, width) mask of the pixels whose centre lies inside the rings ((N, 2) px, anywhere)."""
     if not rings:
         return np.zeros((height, width), dtype=bool)
     start = np.concatenate(rings)
@@ -45,7 +45,7 @@ def fill(rings: Sequence[FloatArray], height: int, width: int) -> BoolArray:
 
 
 def annotated_labels(scene: Scene, instances: Sequence[Instance], k: int) -> LabelImage:
-    """(H, W) instance of each pixel as drawn in key frame ``k``, -1 = none; doors and windows lie on top of their walls."""
+    """(H, W) instance of each pixel as drawn in key frame ``k``, -1 = none; doors and windows on top of their walls."""
     camera = scene.frame_of(k).camera
     labels: LabelImage = np.full((camera.height, camera.width), -1, dtype=np.int32)
     drawn = [(i, element) for i, instance in enumerate(instances) for frame, element in instance.members if frame == k]

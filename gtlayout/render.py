@@ -37,8 +37,8 @@ def render(
 ) -> tuple[LabelImage, DepthImage]:
     """What the camera sees of a layout.
 
-    Returns (H, W) instance indices, -1 where there is nothing, and (H, W) depths along the camera's z, world unit, NaN where
-    there is nothing. The nearest plane wins; an opening wins over its host, on whose plane it lies.
+    Returns (H, W) instance indices, -1 where there is nothing, and (H, W) depths along the camera's z, world unit, NaN
+    where there is nothing. The nearest plane wins; an opening wins over its host, in which it sits.
     """
     labels: LabelImage = np.full((camera.height, camera.width), -1, dtype=np.int32)
     depth: DepthImage = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
@@ -71,7 +71,7 @@ def inverse_depth(plane: Plane, camera: Camera) -> FloatArray:
     normal_cam = camera.R_cam_from_world @ plane.normal
     distance = float(plane.normal @ camera.center_world) + plane.d
     with np.errstate(divide="ignore", invalid="ignore"):
-        coefficients: FloatArray = -np.linalg.solve(camera.K.T, normal_cam) / distance
+        coefficients = -np.linalg.solve(camera.K.T, normal_cam) / distance
     return coefficients
 
 

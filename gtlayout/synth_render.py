@@ -1,7 +1,7 @@
 """Ray casting of planar polygons: which surface a pixel's ray meets, how far away, and the anti-aliased picture.
 
 A plane's inverse depth and its texture coordinates over depth are affine in the pixel, so a surface is cast by evaluating
-a few affine functions over the rectangle its outline covers; no ray is ever built.
+one affine function over the pixels within its outline instead of building rays.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from gtlayout.raster import fill
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray
 from gtlayout.synth_room import MIP_LEVELS, Surface
 from gtlayout.synth_textures import TEXEL_M
@@ -68,10 +69,10 @@ def cast(surfaces: tuple[Surface, ...], camera: Camera, oversample: int = 1) -> 
         window = np.s_[low[1] : high[1], low[0] : high[0]]
         x_px = (np.arange(low[0], high[0]) + 0.5) / oversample
         y_px = (np.arange(low[1], high[1]) + 0.5) / oversample
-        uv1_over_z = _uv1_over_z(surface, camera)
-        surface_inverse_depth = _affine(uv1_over_z[2], x_px, y_px)
-        nearer = surface_inverse_depth > inverse_depth[window] * _COPLANAR
-        nearer &= _inside(surface.corners_uv, uv1_over_z, x_px, y_px)
+        row = _uv1_over_z(surface, camera)[2]
+        surface_inverse_depth = (row[0] * x_px + row[2])[None, :] + (row[1] * y_px)[:, None]
+        nearer = fill([outline * oversample - low], len(y_px), len(x_px))
+        nearer &= surface_inverse_depth > inverse_depth[window] * _COPLANAR
         index[window][nearer] = number
         inverse_depth[window][nearer] = surface_inverse_depth[nearer]
     return Cast(index, np.where(index >= 0, 1 / inverse_depth, np.inf), oversample)
@@ -81,8 +82,9 @@ def shade(surfaces: tuple[Surface, ...], camera: Camera, hits: Cast) -> FloatArr
     """(height, width, 3) BGR picture in grey levels: trilinear texture look-up, averaged over each pixel's samples."""
     width = hits.surface.shape[1]
     samples = np.zeros((hits.surface.size, 3), np.float32)
-    order = np.argsort(hits.surface, axis=None, kind="stable")
-    bounds = np.searchsorted(hits.surface.ravel()[order], np.arange(len(surfaces) + 1))
+    surface_of = hits.surface.ravel().astype(np.int16)  # 16 bits are sorted by radix, ten times faster
+    order = np.argsort(surface_of, kind="stable")
+    bounds = np.searchsorted(surface_of[order], np.arange(len(surfaces) + 1))
     for number, surface in enumerate(surfaces):
         at = order[bounds[number] : bounds[number + 1]]
         if len(at) == 0:
@@ -106,30 +108,6 @@ def _uv1_over_z(surface: Surface, camera: Camera) -> FloatArray:
     axes_cam = surface.frame.axes @ camera.R_cam_from_world.T
     origin_cam = camera.R_cam_from_world @ surface.frame.origin + camera.t_cam_from_world
     return np.linalg.inv(camera.K @ np.column_stack([*axes_cam, origin_cam]))
-
-
-def _affine(row: FloatArray, x_px: FloatArray, y_px: FloatArray) -> FloatArray:
-    return (row[0] * x_px + row[2])[None, :] + (row[1] * y_px)[:, None]
-
-
-def _inside(corners_uv: FloatArray, uv1_over_z: FloatArray, x_px: FloatArray, y_px: FloatArray) -> ImageArray:
-    """Even-odd rule over any simple polygon, in the image; right wherever the plane lies in front of the camera."""
-    above = [_affine(uv1_over_z[1] - v * uv1_over_z[2], x_px, y_px) < 0 for v in corners_uv[:, 1]]
-    inside = np.zeros((len(y_px), len(x_px)), bool)
-    for i, (start, end) in enumerate(zip(corners_uv, np.roll(corners_uv, -1, axis=0), strict=True)):
-        u, v = end - start
-        if v == 0:
-            continue
-        left = (
-            _affine(
-                np.sign(v) * (v * uv1_over_z[0] - u * uv1_over_z[1] + (u * start[1] - v * start[0]) * uv1_over_z[2]),
-                x_px,
-                y_px,
-            )
-            < 0
-        )
-        inside ^= left & (above[i] != above[(i + 1) % len(corners_uv)])
-    return inside
 
 
 def _look_up(mipmaps: tuple[ImageArray, ...], uv_texels: FloatArray, level: FloatArray) -> FloatArray:

@@ -112,10 +112,12 @@ def make_surface(
     low = corners_uv.min(axis=0)
     frame = PlaneFrame(corners_world[0] + low @ axes, axes)
     corners_uv = corners_uv - low
+    shape = tuple(int(np.ceil(extent / TEXEL_M)) for extent in corners_uv.max(axis=0)[::-1])
+    albedo = cv2.GaussianBlur(paint(rng, (shape[0], shape[1])), (0, 0), 0.8)
     # Whole texels at every level, so that the levels stay aligned.
-    coarsest = 2 ** (MIP_LEVELS - 1)
-    height, width = (coarsest * int(np.ceil(e / TEXEL_M / coarsest)) for e in corners_uv.max(axis=0)[::-1])
-    albedo = cv2.GaussianBlur(paint(rng, (height, width)), (0, 0), 0.8)
+    beyond = [-size % 2 ** (MIP_LEVELS - 1) for size in shape]
+    albedo = cv2.copyMakeBorder(albedo, 0, beyond[0], 0, beyond[1], cv2.BORDER_REPLICATE)
+    height, width = albedo.shape[:2]
     v, u = np.mgrid[0:height:16, 0:width:16] * TEXEL_M
     points = frame.to_world(np.column_stack([u.ravel(), v.ravel()]))
     brightness = light(points, normal).reshape(u.shape).astype(np.float32)

@@ -171,11 +171,12 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     inside = mask[np.clip(seeds[:, 1].astype(int), 0, height - 1), np.clip(seeds[:, 0].astype(int), 0, width - 1)]
     seeds = seeds[inside] if inside.any() else corners_px[:1]
     # goodFeaturesToTrack returns corners best first: a stable ranking inside each seed's cell.
-    _, cell = cKDTree(seeds).query(corners_px)
+    cell = np.asarray(cKDTree(seeds).query(corners_px)[1])
     order = np.argsort(cell, kind="stable")
     sizes = np.bincount(cell, minlength=len(seeds))
     rank = np.arange(len(cell)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    return corners_px[np.sort(order[rank < config.corners_per_cell])]
+    chosen: FloatArray = corners_px[np.sort(order[rank < config.corners_per_cell])]
+    return chosen
 
 
 def texture_sigma_px(image: ImageArray, points_px: FloatArray, config: TrackingConfig) -> FloatArray:
@@ -212,7 +213,7 @@ def _follow(
     camera, image = key_camera, key_image
     for step in range(1, config.max_frames + 1):
         frame = key + direction * step
-        if not 0 <= frame < len(scene.frames) or len(alive) == 0:
+        if not 0 <= frame < len(scene.frames) or alive.size == 0:
             return
         next_image = images(frame)
         if next_image is None:
@@ -290,8 +291,8 @@ def _correlation(
     def patches(image: ImageArray, points_px: FloatArray) -> FloatArray:
         x = (points_px[:, :1] - 0.5 + dx).astype(np.float32)
         y = (points_px[:, 1:] - 0.5 + dy).astype(np.float32)
-        values = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
-        values -= values.mean(axis=1, keepdims=True)
+        sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        values = sampled.astype(np.float64) - sampled.mean(axis=1, keepdims=True)
         return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-9)
 
     return np.sum(patches(source, source_px) * patches(target, target_px), axis=1)
@@ -324,10 +325,11 @@ def _opencv_points(points_px: FloatArray) -> npt.NDArray[np.float32]:
 def _warp(image: ImageArray, homography: FloatArray, camera: Camera) -> ImageArray:
     half = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
     opencv_homography = np.linalg.inv(half) @ homography @ half
-    warped: ImageArray = cv2.warpPerspective(
-        image, opencv_homography, (camera.width, camera.height), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    size = (camera.width, camera.height)
+    warped = cv2.warpPerspective(
+        image, opencv_homography, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return warped
+    return warped.astype(np.uint8, copy=False)
 
 
 def _apply(homography: FloatArray, points_px: FloatArray) -> FloatArray:
@@ -336,7 +338,9 @@ def _apply(homography: FloatArray, points_px: FloatArray) -> FloatArray:
 
 
 def _inside(points_px: FloatArray, camera: Camera, border_px: float) -> BoolArray:
-    return ((points_px > border_px) & (points_px < np.array([camera.width, camera.height]) - border_px)).all(axis=1)
+    limit = np.array([camera.width, camera.height]) - border_px
+    inside: BoolArray = np.all((points_px > border_px) & (points_px < limit), axis=1)
+    return inside
 
 
 class _ImageCache:

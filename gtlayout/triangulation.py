@@ -34,8 +34,8 @@ class Rays:
 def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Rays:
     """Minimise a Cauchy loss of the reprojection errors over inverse depth, for all tracks at once.
 
-    The key frame's own point defines the ray. A grid over inverse depth finds the right basin (a slide or a repeated pattern
-    makes several), Gauss-Newton on the re-weighted residuals polishes it.
+    The key frame's own point defines the ray. A grid over inverse depth finds the right basin (a slide or a repeated
+    pattern makes several), Gauss-Newton on the re-weighted residuals polishes it.
     """
     depth_range = _depth_range(scene, config)
     key_camera_of = [scene.frame_of(k).camera for k in range(len(scene.key_frames))]

@@ -117,7 +117,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
         "seed": config.seed,
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
-        "convention": "plane n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras",
+        "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras",
         "elements": elements,
     }
 
