@@ -8,12 +8,12 @@ import rerun.blueprint as rrb
 from gtlayout.scene import FloatArray, Scene
 
 
-def blueprint(scene: Scene, target_world: FloatArray | None) -> rrb.Blueprint:
+def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Blueprint:
     """Views of a log written by :class:`gtlayout.rerun_log.RerunObserver`.
 
-    ``target_world`` (3,) is the room's middle; None while it is not known yet.
+    ``room_world`` (N, 3) are points of the room to bring into view; None while there are none.
     """
-    eye = _eye(scene, target_world)
+    eye = _eye(scene, room_world)
     camera = ["world/path", "world/camera/**"]
 
     def room(name: str, *shown: str) -> rrb.Spatial3DView:
@@ -55,17 +55,15 @@ def blueprint(scene: Scene, target_world: FloatArray | None) -> rrb.Blueprint:
     )
 
 
-def _eye(scene: Scene, target_world: FloatArray | None) -> rrb.EyeControls3D:
-    """From behind and above the cameras, looking at the room; up is the cameras' mean up."""
+def _eye(scene: Scene, room_world: FloatArray | None) -> rrb.EyeControls3D:
+    """From behind and above the cameras, far enough to see the room whole; up is the cameras' mean up."""
     cameras = [frame.camera for frame in scene.frames]
-    up, forward = (
-        -np.mean([c.R_cam_from_world[1] for c in cameras], axis=0),
-        np.mean([c.R_cam_from_world[2] for c in cameras], axis=0),
-    )
-    center = np.mean([c.center_world for c in cameras], axis=0)
-    if target_world is None:
-        target_world = center + forward
-    distance = 1.5 * float(np.linalg.norm(target_world - center))
-    return rrb.EyeControls3D(
-        position=target_world + distance * (0.8 * up - forward), look_target=target_world, eye_up=up
-    )
+    up = -np.mean([camera.R_cam_from_world[1] for camera in cameras], axis=0)
+    forward = np.mean([camera.R_cam_from_world[2] for camera in cameras], axis=0)
+    centers = np.array([camera.center_world for camera in cameras])
+    shown = centers if room_world is None else np.vstack([centers, room_world])
+    low, high = shown.min(axis=0), shown.max(axis=0)
+    away = up - forward
+    away *= 1.2 * np.linalg.norm(high - low) / max(float(np.linalg.norm(away)), 1e-9)
+    target = (low + high) / 2
+    return rrb.EyeControls3D(position=target + away, look_target=target, eye_up=up)

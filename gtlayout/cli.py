@@ -80,22 +80,23 @@ def solve(
     scene = load_scene(scene_dir)
     with _progress() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
         solution = solve_scene(scene, config, observer)
-        write_results(out_dir, scene, solution.layout, solution.quality, config)
+        write_results(out_dir, solution.scene, solution.layout, solution.quality, config)
 
-    console = Console()
+    console = _stdout()
     console.print(element_table(solution.layout, solution.quality))
     for reason in reasons(solution.layout, solution.quality):
-        console.print(reason, style="yellow", highlight=False, markup=False, soft_wrap=True)
-    console.print(verdict(scene, solution.layout, solution.quality), highlight=False, soft_wrap=True, markup=False)
-    shown = scene.warnings if verbose else scene.warnings[:SHOWN_WARNINGS]
+        console.print(reason, style="yellow")
+    warnings = solution.scene.warnings
+    shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
     for warning in shown:
-        console.print(f"warning: {warning}", style="yellow", markup=False, highlight=False)
-    if len(shown) < len(scene.warnings):
-        console.print(f"… and {len(scene.warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
+        console.print(f"warning: {warning}", style="yellow")
+    if len(shown) < len(warnings):
+        console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
     if verbose:
         for stage, seconds in solution.timings_s.items():
-            console.print(f"{stage:<16}{seconds:8.2f} s", highlight=False)
-    console.print(f"Results: {out_dir}", highlight=False, soft_wrap=True)
+            console.print(f"{stage:<16}{seconds:8.2f} s")
+    console.print(verdict(solution.scene, solution.layout, solution.quality))
+    console.print(f"Results: {out_dir}")
 
 
 @app.command
@@ -118,7 +119,7 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     from gtlayout.report_table import evaluation_table
 
     evaluation = evaluate_layout(load_scene(scene_dir), read_layout(layout or scene_dir / RESULTS))
-    Console().print(evaluation_table(evaluation))
+    _stdout().print(evaluation_table(evaluation))
     if json is not None:
         write_json_atomic(json, asdict(evaluation))
 
@@ -167,7 +168,7 @@ def synth(
     with _progress() as progress:
         progress.stage("synthesis")
         synthesize(out, SynthConfig(seed=seed, frames=frames, width=width, height=height), progress.progress)
-    Console().print(f"Scene: {out}", highlight=False, soft_wrap=True)
+    _stdout().print(f"Scene: {out}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -183,6 +184,11 @@ def main(arguments: list[str] | None = None) -> int:
         print("gtlayout: interrupted", file=sys.stderr)
         return 130
     return 0
+
+
+def _stdout() -> Console:
+    """Prints text as it is, never wrapped: paths and names stay whole in a log."""
+    return Console(highlight=False, markup=False, soft_wrap=True)
 
 
 class _ProgressBars(Observer):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,6 +31,8 @@ from gtlayout.visualize import Observer
 class Solution:
     """The layout and what led to it."""
 
+    scene: Scene
+    """As given, with what was skipped on the way added to its warnings."""
     layout: Layout
     quality: Quality
     tracks: Tracks
@@ -72,6 +74,9 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, observer.progress)
         rays = triangulate(scene, tracks, config.triangulation)
+    if tracks.unreadable:
+        skipped = f"{len(tracks.unreadable)} unreadable image(s) skipped: {', '.join(tracks.unreadable)}"
+        scene = replace(scene, warnings=(*scene.warnings, skipped))
     observer.tracks(tracks)
 
     with stage("correspondence"):
@@ -93,7 +98,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         with stage("quality"):
             quality = assess(scene, instances, solved.planes, extents, config.quality)
         layout = Layout(instances, solved.planes, extents, mesh, scene.metric)
-        return Solution(layout, quality, tracks, chosen, edges, solved, stage.timings_s)
+        return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s)
 
     best = max(map(run, range(config.restarts)), key=lambda solution: solution.quality.iou)
 

@@ -15,8 +15,8 @@ _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
 
 
 def element_table(layout: Layout, quality: Quality) -> Table:
-    """One row per instance."""
-    table = Table(box=SIMPLE, padding=(0, 1, 0, 0))
+    """One row per instance; fits 80 columns."""
+    table = Table(box=SIMPLE, padding=0, show_edge=False)
     for column in _COLUMNS:
         table.add_column(
             column, no_wrap=True, justify="left" if column in ("instance", "label", "verdict") else "right"

@@ -15,12 +15,13 @@ from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
 from gtlayout.io.images import read_rgb
+from gtlayout.io.layout_files import LABEL_COLORS
 from gtlayout.layout import Extent, Instance, Layout, Mesh
 from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of
 from gtlayout.render import render
 from gtlayout.report_table import markdown
-from gtlayout.scene import FloatArray, ImageArray, IntArray, Label, Scene
+from gtlayout.scene import FloatArray, ImageArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.visualize import Observer
 
@@ -36,14 +37,6 @@ OUTVOTED = 0.1
 
 Colors = npt.NDArray[np.uint8]
 
-_LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
-    "floor": (201, 148, 86),
-    "ceiling": (150, 150, 160),
-    "wall": (86, 150, 201),
-    "slanted": (160, 110, 200),
-    "door": (214, 90, 80),
-    "window": (90, 200, 190),
-}
 _INSTANCE_COLORS: Colors = np.array(
     [
         (86, 150, 201), (201, 148, 86), (110, 190, 100), (190, 110, 200), (230, 200, 80), (90, 200, 190),
@@ -88,7 +81,7 @@ class RerunObserver(Observer):
         """Video, cameras and annotations."""
         self._scene = scene
         record = self._recording
-        record.send_blueprint(blueprint(scene, target_world=None))
+        record.send_blueprint(blueprint(scene))
         centers = np.array([frame.camera.center_world for frame in scene.frames])
         record.log("world/path", rr.LineStrips3D([centers], colors=_GREY), static=True)
         key_frame_of = {key_frame.frame: number for number, key_frame in enumerate(scene.key_frames)}
@@ -115,7 +108,7 @@ class RerunObserver(Observer):
             for element in key_frame.elements:
                 for ring in rings_of(getattr(element, kind)):
                     rings.append(_closed(ring))
-                    colors.append(_LABEL_COLORS[element.label])
+                    colors.append(LABEL_COLORS[element.label])
                     labels.append(f"{element.label} {element.id}")
             shown = labels if kind == "amodal" else None
             self._recording.log(f"key_frame/{kind}", rr.LineStrips2D(rings, colors=colors, labels=shown, radii=-1.5))
@@ -127,7 +120,7 @@ class RerunObserver(Observer):
         self._tracks = tracks
         labels = [[element.label for element in key_frame.elements] for key_frame in self._scene.key_frames]
         colors = np.array(
-            [_LABEL_COLORS[labels[k][e]] for k, e in zip(tracks.key_frame, tracks.element, strict=True)], dtype=np.uint8
+            [LABEL_COLORS[labels[k][e]] for k, e in zip(tracks.key_frame, tracks.element, strict=True)], dtype=np.uint8
         ).reshape(-1, 3)
         for index in range(len(self._scene.frames)):
             self._recording.set_time("frame", sequence=index)
@@ -206,8 +199,7 @@ class RerunObserver(Observer):
                 surface = _surface(mesh.vertices, faces, _instance_colors(index))
                 self._recording.log(f"world/mesh/{instance.name}", surface, static=True)
         if len(mesh.vertices):
-            target = mesh.vertices.min(axis=0) / 2 + mesh.vertices.max(axis=0) / 2
-            self._recording.send_blueprint(blueprint(self._scene, target))
+            self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
 
     def quality(self, layout: Layout, quality: Quality) -> None:
         """Rendering against annotation, planes coloured by uncertainty, the table of elements."""

@@ -247,4 +247,5 @@ def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:
             {"name": instance.name, **asdict(judged)}
             for instance, judged in zip(layout.instances, quality.instances, strict=True)
         ],
+        "warnings": list(scene.warnings),
     }
