@@ -13,7 +13,7 @@ import numpy as np
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.graph import Solution, solve
 from gtlayout.initialization import initial_planes
 from gtlayout.layout import Instance, Plane
@@ -75,8 +75,14 @@ def estimate(
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution = solve(cameras, tracks, evidence, start, config)
 
+    local_covariances = solution.covariances + np.array(
+        [
+            _shared_errors(plane, views, config.relative_depth_sigma)
+            for plane, views in zip(solution.planes, evidence.views, strict=True)
+        ]
+    )
     world_planes, jacobian = local.planes_to_world(solution.planes)
-    covariances = jacobian @ solution.covariances @ jacobian.T
+    covariances = jacobian @ local_covariances @ jacobian.T
     kept = np.bincount(evidence.track_surface[evidence.track_surface >= 0], minlength=len(instances))
     planes = tuple(
         _plane(world_planes[s], covariances[s], int(kept[s]), _relative_depth_sigma(evidence, solution, s), config)
@@ -97,16 +103,35 @@ def estimate(
     )
 
 
+def _shared_errors(plane: FloatArray, views: Views, share: float) -> FloatArray:
+    """(4, 4) covariance that errors of cameras and tracking add which all points of a surface share.
+
+    No number of tracks averages them out, so the marginals do not know them: a common factor on all depths, and a tilt
+    that moves the surface's far ends by as much (in radians no more than ``share``).
+    """
+    points, depth = views.seen_on(plane)
+    if len(points) == 0:
+        return np.full((4, 4), np.nan)
+    middle = np.median(points, axis=0)
+    reach = 2 * float(np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=1))))
+    across = np.eye(3) - np.outer(plane[:3], plane[:3])
+    turn = np.vstack([across, -middle @ across]) * min(1.0, float(np.median(depth)) / max(reach, 1e-9))
+    clearance = plane[:3] @ views.center.mean(axis=0) + plane[3]
+    scale = np.array([0.0, 0.0, 0.0, clearance])
+    return share**2 * (turn @ turn.T + np.outer(scale, scale))
+
+
 def _relative_depth_sigma(evidence: Evidence, solution: Solution, surface: int) -> float:
     """σ of the depth as a share of the depth, where the surface is drawn: the median over its sampled pixels."""
-    views, plane = evidence.views[surface], solution.planes[surface]
-    depth = views.depths(plane[None])[0]
-    seen = depth > 0
-    if not seen.any():
+    plane = solution.planes[surface]
+    points, depth = evidence.views[surface].seen_on(plane)
+    if len(points) == 0:
         return np.inf
-    points = np.column_stack([views.center[seen] + depth[seen, None] * views.ray[seen], np.ones(seen.sum())])
-    variance = np.sum(points @ solution.covariances[surface] * points, axis=1)
-    return float(np.median(np.sqrt(variance) / np.abs(views.ray[seen] @ plane[:3]) / depth[seen]))
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    variance = np.sum(homogeneous @ solution.covariances[surface] * homogeneous, axis=1)
+    views = evidence.views[surface]
+    rays = views.ray[views.depths(plane[None])[0] > 0]
+    return float(np.median(np.sqrt(variance) / np.abs(rays @ plane[:3]) / depth))
 
 
 def _plane(

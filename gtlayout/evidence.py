@@ -109,11 +109,11 @@ class Views:
         depth: FloatArray = -(planes[:, :3] @ self.center.T + planes[:, 3:]) / np.where(facing == 0, 1e-12, facing)
         return depth
 
-    def middle_on(self, plane: FloatArray) -> FloatArray:
-        """(3,) a point of a (4,) plane amid the pixels."""
+    def seen_on(self, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(Q, 3) points and (Q,) depths where a (4,) plane is seen at the pixels; fewer than P, maybe none."""
         depth = self.depths(plane[None])[0]
         seen = depth > 0
-        return np.median(self.center[seen] + depth[seen, None] * self.ray[seen], axis=0)
+        return self.center[seen] + depth[seen, None] * self.ray[seen], depth[seen]
 
 
 @dataclass(frozen=True)

@@ -169,8 +169,9 @@ def _build(
     )
     for a in surfaces:
         if (b := int(evidence.host[a])) >= 0:
-            plane = values.atOrientedPlane3(P(b)).planeCoefficients()
-            graph.add(coplanarity_factor((P(int(a)), P(b)), evidence.views[a].middle_on(plane), in_wall))
+            points, _ = evidence.views[a].seen_on(values.atOrientedPlane3(P(b)).planeCoefficients())
+            if len(points):
+                graph.add(coplanarity_factor((P(int(a)), P(b)), np.median(points, axis=0), in_wall))
     for a, b in right_angles:
         graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
     return graph

@@ -71,8 +71,7 @@ def inverse_depth(plane: Plane, camera: Camera) -> FloatArray:
     normal_cam = camera.R_cam_from_world @ plane.normal
     distance = float(plane.normal @ camera.center_world) + plane.d
     with np.errstate(divide="ignore", invalid="ignore"):
-        coefficients = -np.linalg.solve(camera.K.T, normal_cam) / distance
-    return coefficients
+        return np.asarray(-np.linalg.solve(camera.K.T, normal_cam) / distance, dtype=np.float64)
 
 
 def _cut_near(points_cam: FloatArray, near: float) -> FloatArray:
