@@ -14,10 +14,9 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
     ``room_world`` (N, 3) are points of the room to bring into view; None while there are none.
     """
     eye = _eye(scene, room_world)
-    camera = ["world/path", "world/camera/**"]
 
     def room(name: str, *shown: str) -> rrb.Spatial3DView:
-        contents = [*camera, *(f"world/{entity}/**" for entity in shown)]
+        contents = [f"world/{entity}/**" for entity in ("path", *shown)]
         return rrb.Spatial3DView(origin="world", contents=contents, name=name, eye_controls=eye, line_grid=False)
 
     def key_frame(name: str, *shown: str) -> rrb.Spatial2DView:
@@ -28,10 +27,10 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Tabs(
-                room("Room", "mesh", "landmarks", "extents/after"),
-                room("Uncertainty", "uncertainty"),
-                room("Extents before (thin) and after refinement", "extents"),
-                room("Planes per iteration (choose timeline `iteration`)", "planes", "landmarks"),
+                room("Room", "camera", "mesh", "landmarks", "extents/after"),
+                room("Uncertainty", "camera", "uncertainty"),
+                room("Extents (thin: before refinement)", "extents"),
+                room("Planes (timeline: iteration)", "planes", "landmarks"),
             ),
             rrb.Vertical(
                 rrb.Spatial2DView(origin="world/camera/image", name="Video and tracks"),
@@ -43,7 +42,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
                 ),
                 rrb.Tabs(
                     rrb.TextDocumentView(origin="summary", name="Elements"),
-                    rrb.TimeSeriesView(origin="solver", name="Cost (choose timeline `iteration`)"),
+                    rrb.TimeSeriesView(origin="solver", name="Cost (timeline: iteration)"),
                     rrb.TimeSeriesView(origin="quality", name="IoU by key frame"),
                 ),
                 row_shares=[3, 3, 2],
@@ -64,6 +63,6 @@ def _eye(scene: Scene, room_world: FloatArray | None) -> rrb.EyeControls3D:
     shown = centers if room_world is None else np.vstack([centers, room_world])
     low, high = shown.min(axis=0), shown.max(axis=0)
     away = up - forward
-    away *= 1.2 * np.linalg.norm(high - low) / max(float(np.linalg.norm(away)), 1e-9)
+    away *= np.linalg.norm(high - low) / max(float(np.linalg.norm(away)), 1e-9)
     target = (low + high) / 2
     return rrb.EyeControls3D(position=target + away, look_target=target, eye_up=up)

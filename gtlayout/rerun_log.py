@@ -30,6 +30,8 @@ JPEG_QUALITY = 75
 """Keeps the log of 240 VGA frames near 10 MB."""
 TAIL_FRAMES = 5
 """Length of the tail drawn behind each tracked point."""
+FRUSTUM_SHARE = 0.15
+"""How far from the camera its image is drawn in 3D, as a share of the camera path's size."""
 SIGMA_SHARE_RED = 0.1
 """σ of depth as a share of depth from which on a plane is drawn red."""
 OUTVOTED = 0.1
@@ -84,12 +86,18 @@ class RerunObserver(Observer):
         record.send_blueprint(blueprint(scene))
         centers = np.array([frame.camera.center_world for frame in scene.frames])
         record.log("world/path", rr.LineStrips3D([centers], colors=_GREY), static=True)
+        path_length = float(np.linalg.norm(np.ptp(centers, axis=0)))
         key_frame_of = {key_frame.frame: number for number, key_frame in enumerate(scene.key_frames)}
         for index, frame in enumerate(scene.frames):
             record.set_time("frame", sequence=index)
             camera = frame.camera
             pose = rr.Transform3D(translation=camera.center_world, mat3x3=camera.R_cam_from_world.T)
-            pinhole = rr.Pinhole(image_from_camera=camera.K, width=camera.width, height=camera.height)
+            pinhole = rr.Pinhole(
+                image_from_camera=camera.K,
+                width=camera.width,
+                height=camera.height,
+                image_plane_distance=FRUSTUM_SHARE * path_length,
+            )
             record.log("world/camera", pose)
             record.log("world/camera/image", pinhole)
             try:
@@ -171,6 +179,7 @@ class RerunObserver(Observer):
             _patch(estimate.landmarks[used & ~outvoted & (estimate.landmark_instance == index)])
             for index in range(len(self._instances))
         ]
+        record.reset_time()  # iterations have no place on the frame timeline
         for number, iteration in enumerate(estimate.iterations):
             record.set_time("iteration", sequence=number)
             record.log("solver/cost", rr.Scalars(iteration.cost))
@@ -186,9 +195,9 @@ class RerunObserver(Observer):
         for instance, extent, color in zip(
             self._instances, extents, _instance_colors(range(len(extents))), strict=True
         ):
-            for kind, region in (("before", extent.unrefined), ("after", extent.region)):
+            for kind, region, radius in (("before", extent.unrefined, -0.5), ("after", extent.region, -2.0)):
                 outline = [extent.frame.to_world(_closed(ring)) for ring in rings_of(region)]
-                strips = rr.LineStrips3D(outline, colors=color, radii=-1.5)
+                strips = rr.LineStrips3D(outline, colors=color, radii=radius)
                 self._recording.log(f"world/extents/{kind}/{instance.name}", strips, static=True)
 
     def mesh(self, mesh: Mesh) -> None:
