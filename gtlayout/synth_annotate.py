@@ -23,8 +23,9 @@ def annotate(
 ) -> tuple[KeyFrame, dict[str, str]]:
     """Draw a convex room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
 
-    Walls are drawn through doors, windows and furniture; doors and windows lie on top of their wall. The hand's error is
-    one shift per corner: elements that share it stay together, so their common edge is off as a whole. Ids are shuffled.
+    Walls are drawn through doors, windows and furniture; doors and windows lie on top of their wall. The hand's error
+    is one shift per corner: elements that share it stay together, and their common edge is off as a whole. Ids are
+    shuffled.
     Returns the key frame and, for each element's id, the name of its surface.
     """
     shifts: dict[tuple[int, int], FloatArray] = {}
@@ -59,7 +60,8 @@ def visible_parts(mask: BoolArray) -> MultiPolygon:
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     eroded = cv2.erode(mask.astype(np.uint8), kernel)
     contours, hierarchy = cv2.findContours(eroded, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    outer, holes = [], []
+    outer: list[shapely.Geometry] = []
+    holes: list[shapely.Geometry] = []
     for number, contour in enumerate(contours):
         corners = cv2.approxPolyDP(contour, SIMPLIFY_PX, closed=True).reshape(-1, 2)
         if len(corners) >= 3:

@@ -1,7 +1,7 @@
 """Ray casting of planar polygons: which surface a pixel's ray meets, how far away, and the anti-aliased picture.
 
-A plane's inverse depth and its texture coordinates over depth are affine in the pixel, so a surface is cast by evaluating
-one affine function over the pixels within its outline instead of building rays.
+A plane's inverse depth and its texture coordinates over depth are affine in the pixel, so a surface is cast by
+evaluating one affine function over the pixels within its outline instead of building rays.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from gtlayout.raster import fill
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray
 from gtlayout.synth_room import MIP_LEVELS, Surface
-from gtlayout.synth_textures import TEXEL_M
+from gtlayout.synth_textures import TEXEL_M, Texture
 
 NEAR_M = 0.05
 """Surfaces nearer than this are cut away where outlines are projected."""
@@ -78,29 +78,31 @@ def cast(surfaces: tuple[Surface, ...], camera: Camera, oversample: int = 1) -> 
     return Cast(index, np.where(index >= 0, 1 / inverse_depth, np.inf), oversample)
 
 
-def shade(surfaces: tuple[Surface, ...], camera: Camera, hits: Cast) -> FloatArray:
+def shade(surfaces: tuple[Surface, ...], camera: Camera, hits: Cast) -> Texture:
     """(height, width, 3) BGR picture in grey levels: trilinear texture look-up, averaged over each pixel's samples."""
     width = hits.surface.shape[1]
     samples = np.zeros((hits.surface.size, 3), np.float32)
-    surface_of = hits.surface.ravel().astype(np.int16)  # 16 bits are sorted by radix, ten times faster
+    surface_of = hits.surface.ravel().astype(np.int16)  # NumPy sorts 16 bits by radix, much faster than 64
     order = np.argsort(surface_of, kind="stable")
     bounds = np.searchsorted(surface_of[order], np.arange(len(surfaces) + 1))
     for number, surface in enumerate(surfaces):
         at = order[bounds[number] : bounds[number + 1]]
         if len(at) == 0:
             continue
-        pixels = np.stack(
-            [(at % width + 0.5) / hits.oversample, (at // width + 0.5) / hits.oversample, np.ones(len(at))]
-        )
-        depth = hits.depth.ravel()[at]
-        uv = (_uv1_over_z(surface, camera)[:2] @ pixels) * depth
-        rays = camera.rays_world(pixels[:2].T)
-        slant = np.abs(rays @ surface.normal) / np.linalg.norm(rays, axis=1)
-        # A sample's footprint is longer than wide where the view is oblique: its geometric mean picks the level.
-        footprint_m = depth / (camera.K[0, 0] * hits.oversample * np.sqrt(slant))
-        samples[at] = _look_up(surface.mipmaps, uv / TEXEL_M, np.log2(footprint_m / TEXEL_M))
-    blocks = samples.reshape(camera.height, hits.oversample, camera.width, hits.oversample, 3)
-    return blocks.mean(axis=(1, 3), dtype=np.float64)
+        depth = hits.depth.ravel()[at].astype(np.float32)
+        pixels = np.stack([at % width + 0.5, at // width + 0.5, np.full(len(at), hits.oversample)]).astype(np.float32)
+        texels_per_metre = 1 / TEXEL_M
+        uv_from_samples = _uv1_over_z(surface, camera)[:2] * (texels_per_metre / hits.oversample)
+        uv_texels = (uv_from_samples.astype(np.float32) @ pixels) * depth
+        # A sample covers z³ / (f² · distance) of a plane: longer than wide where the view is oblique, the mean decides.
+        distance = surface.normal @ camera.center_world + surface.d
+        scale = texels_per_metre / (camera.K[0, 0] * hits.oversample * np.sqrt(distance))
+        level = (1.5 * np.log2(depth) + np.log2(scale)).astype(np.float32)
+        samples[at] = _look_up(surface.mipmaps, uv_texels, level)
+    picture = cv2.resize(
+        samples.reshape(*hits.surface.shape, 3), (camera.width, camera.height), interpolation=cv2.INTER_AREA
+    )
+    return picture.astype(np.float32)
 
 
 def _uv1_over_z(surface: Surface, camera: Camera) -> FloatArray:
@@ -110,28 +112,29 @@ def _uv1_over_z(surface: Surface, camera: Camera) -> FloatArray:
     return np.linalg.inv(camera.K @ np.column_stack([*axes_cam, origin_cam]))
 
 
-def _look_up(mipmaps: tuple[ImageArray, ...], uv_texels: FloatArray, level: FloatArray) -> FloatArray:
+def _look_up(mipmaps: tuple[ImageArray, ...], uv_texels: Texture, level: Texture) -> Texture:
     """Trilinear: (2, N) texel coordinates on the finest level and (N,) fractional levels → (N, 3)."""
-    fine = np.clip(level, 0, MIP_LEVELS - 1 - 1e-6)
-    coarse_share = (fine % 1)[:, None].astype(np.float32)
-    result = np.zeros((uv_texels.shape[1], 3), np.float32)
-    for number, texture in enumerate(mipmaps):
-        for share, near in (
-            (1 - coarse_share, fine.astype(int) == number),
-            (coarse_share, fine.astype(int) == number - 1),
-        ):
-            at = np.flatnonzero(near)
-            if len(at):
-                result[at] += share[at] * _bilinear(texture, uv_texels[:, at] / 2**number - 0.5)
+    level = np.clip(level, 0, MIP_LEVELS - 1.001)
+    finer = level.astype(np.int8)
+    result = np.zeros((len(level), 3), np.float32)
+    for number in range(MIP_LEVELS - 1):
+        at = np.flatnonzero(finer == number)
+        if len(at):
+            uv = uv_texels[:, at] / np.float32(2**number)
+            fine, coarse = _bilinear(mipmaps[number], uv), _bilinear(mipmaps[number + 1], uv * np.float32(0.5))
+            coarse -= fine
+            coarse *= (level[at] - number)[:, None]
+            fine += coarse
+            result[at] = fine
     return result
 
 
-def _bilinear(texture: ImageArray, at: FloatArray) -> FloatArray:
-    """(N, 3) values at (2, N) texel centres; OpenCV wants the look-up as an image."""
+def _bilinear(texture: ImageArray, at: Texture) -> Texture:
+    """(N, 3) values at (2, N) texel coordinates; OpenCV wants the look-up as an image, centres at whole numbers."""
     count = at.shape[1]
     rows = -(-count // _ROW)
-    padded = np.zeros((2, rows * _ROW), np.float32)
-    padded[:, :count] = at
-    maps = padded.reshape(2, rows, _ROW)
-    values = cv2.remap(texture, maps[0], maps[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(values.reshape(-1, 3)[:count], np.float32)
+    maps = np.zeros((2, rows * _ROW), np.float32)
+    maps[:, :count] = at - np.float32(0.5)
+    u, v = maps.reshape(2, rows, _ROW)
+    values = cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return values.reshape(-1, 3)[:count].astype(np.float32)

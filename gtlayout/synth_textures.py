@@ -24,7 +24,7 @@ TEXEL_M = 0.004
 
 
 def noise(rng: np.random.Generator, shape: Shape, coarsest_m: float, finest_m: float, stretch: int = 1) -> Texture:
-    """(height, width) noise with octaves between two wavelengths, zero mean, unit σ; ``stretch`` elongates it along u."""
+    """(height, width) noise, octaves between two wavelengths, mean 0, σ 1; ``stretch`` elongates it along u."""
     height, width = shape
     total = np.zeros(shape, np.float32)
     cell = max(2, round(coarsest_m / TEXEL_M))
@@ -53,7 +53,7 @@ def blocks(
     spread: float,
     grain: int = 1,
 ) -> Texture:
-    """Bricks, planks, tiles, books: rows of ``block_m`` (width, height), each row shifted and each block shaded at random."""
+    """Bricks, planks, tiles, books: rows of ``block_m`` (width, height), shifted by row and shaded by block."""
     height, width = shape
     u = np.arange(width, dtype=np.float32)[None] * TEXEL_M
     v = np.arange(height, dtype=np.float32)[:, None] * TEXEL_M
