@@ -161,7 +161,10 @@ def _consensus(
     union = shapely.union_all(pieces)
     if union.is_empty:
         return union
-    faces = shapely.get_parts(shapely.polygonize([shapely.union_all([piece.boundary for piece in pieces])]))
+    # Two frames' boundaries may run on top of each other: on a grid they cross cleanly, and no face is lost.
+    grid = 1e-9 * float(np.abs(union.bounds).max())
+    lines = shapely.union_all([piece.boundary for piece in pieces], grid_size=grid)
+    faces = shapely.get_parts(shapely.polygonize([lines]))
     inside = shapely.point_on_surface(faces)
     faces, inside = faces[shapely.contains(union, inside)], inside[shapely.contains(union, inside)]
     balance = _votes(scene, views, instances, index, planes, frame.to_world(shapely.get_coordinates(inside)), config)
