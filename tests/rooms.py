@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ WIDTH_M, DEPTH_M, HEIGHT_M = 4.0, 5.0, 2.5
 WALL_DEPTH = 10.0
 """Depth of the surface that ``facing`` draws on: 10 px a metre."""
 NOTHING = MultiPolygon()
+Drawing: TypeAlias = tuple[Label, MultiPolygon]
+"""An element as drawn, px."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def draw(corners: FloatArray, camera: Camera) -> MultiPolygon:
     return MultiPolygon([Polygon(pixels[:, :2] / pixels[:, 2:])])
 
 
-def make_scene(cameras: Sequence[Camera], drawings: Sequence[Sequence[tuple[Label, MultiPolygon]]]) -> Scene:
+def make_scene(cameras: Sequence[Camera], drawings: Sequence[Sequence[Drawing]]) -> Scene:
     """All frames are key frames; element e of each is the e-th drawing and is wholly visible."""
     frames = tuple(Frame(f"{k}.png", Path(f"{k}.png"), camera) for k, camera in enumerate(cameras))
     key_frames = tuple(
