@@ -25,7 +25,7 @@ EYE_HEIGHT_M = 1.5
 STEP_DEG = 1.7
 """The camera's advance along its arc per frame."""
 MAX_SWEEP_DEG = 100.0
-PITCH_DEG = -6.0
+PITCH_DEG = -5.0
 SWAY_M, SWAY_DEG = 0.02, 0.6
 """σ of the hand's unsteadiness about the arc."""
 SWAY_FRAMES = 8
@@ -99,30 +99,25 @@ def synthesize(
 
 
 def arc_path(room: Room, config: SynthConfig) -> tuple[Camera, ...]:
-    """Hand-held arc through the near half of a room, looking in: to the right from the left and the other way round."""
+    """Hand-held arc through the near half of a room, looking in: rightwards from the left, leftwards from the right."""
     rng = np.random.default_rng([config.seed, 1])
-    width_m, length_m = room.surfaces[0].corners_world[:, :2].max(axis=0)
-    sweep_deg = min(MAX_SWEEP_DEG, STEP_DEG * (config.frames - 1))
-    arc = np.deg2rad(np.linspace(-sweep_deg / 2, sweep_deg / 2, config.frames)) * rng.choice([-1, 1])
+    floor = next(surface for surface in room.surfaces if surface.label == "floor")
+    width_m, length_m = floor.corners_world[:, :2].max(axis=0)
+    sweep_deg = min(MAX_SWEEP_DEG, STEP_DEG * (config.frames - 1)) * rng.choice([-1, 1])
+    arc_deg = np.linspace(-sweep_deg / 2, sweep_deg / 2, config.frames)
+    x = (0.5 + 0.3 * np.sin(np.deg2rad(arc_deg))) * width_m
+    y = (0.5 - 0.33 * np.cos(np.deg2rad(arc_deg))) * length_m
     sway = _sway(config.frames, rng)
-    centers = np.column_stack(
-        [
-            (0.5 + 0.3 * np.sin(arc)) * width_m,
-            (0.5 - 0.33 * np.cos(arc)) * length_m,
-            np.full(config.frames, EYE_HEIGHT_M),
-        ]
-    )
-    centers += SWAY_M * sway[:, :3]
-    yaw, pitch, roll = (
-        np.deg2rad(SWAY_DEG) * sway[:, 3:] + np.column_stack([-arc, 0 * arc + np.deg2rad(PITCH_DEG), 0 * arc])
-    ).T
+    centers = np.column_stack([x, y, np.full(config.frames, EYE_HEIGHT_M)]) + SWAY_M * sway[:, :3]
+    angles_deg = np.column_stack([-arc_deg, np.full(config.frames, PITCH_DEG), np.zeros(config.frames)])
+    angles_deg += SWAY_DEG * sway[:, 3:]
     focal_px = config.width / 2 / np.tan(np.deg2rad(config.hfov_deg) / 2)
     K = np.array([[focal_px, 0, config.width / 2], [0, focal_px, config.height / 2], [0, 0, 1]])
-    cameras = []
-    for center, *angles in zip(centers, yaw, pitch, roll, strict=True):
-        R_cam_from_world = looking(*angles)
-        cameras.append(Camera(K, R_cam_from_world, -R_cam_from_world @ center, config.width, config.height))
-    return tuple(cameras)
+    rotations = [looking(*np.deg2rad(each)) for each in angles_deg]
+    return tuple(
+        Camera(K, R_cam_from_world, -R_cam_from_world @ center, config.width, config.height)
+        for R_cam_from_world, center in zip(rotations, centers, strict=True)
+    )
 
 
 def looking(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:

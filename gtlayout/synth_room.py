@@ -255,11 +255,11 @@ def _furniture(width: float, length: float, mirrored: bool, rng: np.random.Gener
     for x in (sofa_x - 0.15, sofa_x + sofa_width):
         add((x, sofa_y, 0.0), (0.15, 0.9, 0.6), textures.FABRIC_PAINTER)
 
-    table = np.array([rng.uniform(0.42, 0.52) * width, rng.uniform(0.5, 0.55) * length])
+    table = np.array([rng.uniform(0.42, 0.52) * width, rng.uniform(0.55, 0.6) * length])
     yaw = float(rng.uniform(-0.4, 0.4))
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    add((table[0] - 0.5, table[1] - 0.35, 0.7), (1.0, 0.7, 0.05), textures.WOOD_PAINTER, yaw)
-    for corner in ((-0.44, -0.29), (0.44, -0.29), (0.44, 0.29), (-0.44, 0.29)):
+    add((table[0] - 0.45, table[1] - 0.3, 0.45), (0.9, 0.6, 0.05), textures.WOOD_PAINTER, yaw)
+    for corner in ((-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25)):
         x, y = table + turn @ corner
-        add((x - 0.03, y - 0.03, 0.0), (0.06, 0.06, 0.7), textures.WOOD_PAINTER, yaw)
+        add((x - 0.03, y - 0.03, 0.0), (0.06, 0.06, 0.45), textures.WOOD_PAINTER, yaw)
     return boxes
