@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gtlayout.io.files import write_json_atomic
+from gtlayout.synth import SynthConfig, synthesize
 
 SHARED_DATA = Path(__file__).parents[2] / "shared/data"
 TINY_SIZE = (64, 48)
@@ -66,3 +67,11 @@ def edit_json() -> Callable[[Path, Callable[[Any], object]], None]:
         path.write_text(json.dumps(data))
 
     return edit
+
+
+@pytest.fixture(scope="session")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small synthetic room with depth and truth. Copy it before changing it."""
+    folder = tmp_path_factory.mktemp("synthetic") / "room"
+    synthesize(folder, SynthConfig(frames=24, width=320, height=240))
+    return folder

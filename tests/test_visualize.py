@@ -1,0 +1,123 @@
+"""What is logged to rerun, read back from the file, and what happens where no viewer can start."""
+
+from __future__ import annotations
+
+import socket
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import Chunk, RrdReader
+
+from gtlayout.config import Config
+from gtlayout.errors import GtlayoutError
+from gtlayout.io import load_scene
+from gtlayout.method import Solution, solve
+from gtlayout.visualize import Observer, open_log, require_viewer, rerun_observer
+
+Log = dict[str, list[Chunk]]
+
+
+@pytest.fixture(scope="module")
+def logged(room: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Solution, Path, Log]:
+    path = tmp_path_factory.mktemp("log") / "log.rrd"
+    with rerun_observer("save", path, Observer()) as observer:
+        solution = solve(load_scene(room), Config(), observer)
+        assert not path.exists(), "a log appears when it is whole"
+    chunks: Log = defaultdict(list)
+    for chunk in RrdReader(path).stream():
+        chunks[chunk.entity_path].append(chunk)
+    return solution, path, chunks
+
+
+def _times(chunks: list[Chunk], timeline: str) -> list[int]:
+    batches = [chunk.to_record_batch() for chunk in chunks if timeline in chunk.timeline_names]
+    return sorted(int(time) for batch in batches for time in batch.column(timeline).to_pylist())
+
+
+def test_every_frame_has_camera_image_and_tracks(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    every = list(range(len(solution.scene.frames)))
+    for entity in ("", "/image", "/image/rgb", "/image/points", "/image/tails"):
+        assert _times(log[f"/world/camera{entity}"], "frame") == every, entity
+
+
+def test_every_key_frame_has_annotation_edges_and_rendering(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    key_frames = [key_frame.frame for key_frame in solution.scene.key_frames]
+    for name in ("rgb", "amodal", "visible", "occlusion_edges", "contact_edges", "annotated", "rendered", "differs"):
+        assert _times(log[f"/key_frame/{name}"], "frame") == key_frames, name
+    assert _times(log["/quality/iou"], "frame") == key_frames
+
+
+def test_every_instance_has_its_surfaces(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    for index, instance in enumerate(solution.layout.instances):
+        for group in ("landmarks", "extents/before", "extents/after"):
+            assert f"/world/{group}/{instance.name}" in log
+        if (solution.layout.mesh.face_instance == index).any():
+            assert f"/world/mesh/{instance.name}" in log
+            assert f"/world/uncertainty/{instance.name}" in log
+
+
+def test_cost_and_planes_per_iteration(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    steps = list(range(len(solution.estimate.iterations)))
+    assert len(steps) > 1
+    assert _times(log["/solver/cost"], "iteration") == steps
+    assert _times(log["/solver/cost"], "frame") == [], "iterations are not frames"
+    batches = [chunk.to_record_batch() for chunk in log["/solver/cost"]]
+    logged_costs = np.concatenate([np.ravel(batch.column("Scalars:scalars").to_pylist()) for batch in batches])
+    assert sorted(logged_costs) == pytest.approx(sorted(step.cost for step in solution.estimate.iterations))
+
+
+def test_log_is_small_and_opens_with_a_blueprint(logged: tuple[Solution, Path, Log]) -> None:
+    _, path, log = logged
+    assert path.stat().st_size < 2e6
+    assert "/summary" in log
+    assert len(RrdReader(path).blueprints()) >= 1
+
+
+def test_logging_changes_nothing(room: Path, logged: tuple[Solution, Path, Log]) -> None:
+    silent = solve(load_scene(room), Config())
+    for one, other in zip(silent.layout.planes, logged[0].layout.planes, strict=True):
+        np.testing.assert_array_equal(one.normal, other.normal)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+
+
+def test_off_is_the_progress_observer_itself(tmp_path: Path) -> None:
+    progress = Observer()
+    with rerun_observer("off", tmp_path / "log.rrd", progress) as observer:
+        assert observer is progress
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failed_run_leaves_no_log(room: Path, tmp_path: Path) -> None:
+    log = tmp_path / "out" / "log.rrd"
+    with pytest.raises(ZeroDivisionError), rerun_observer("save", log, Observer()) as observer:
+        observer.scene(load_scene(room))
+        raise ZeroDivisionError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_viewer_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    log = tmp_path / "log.rrd"
+    with pytest.raises(GtlayoutError, match="does not exist: make it with"):
+        open_log(log)
+    log.touch()
+    with pytest.raises(GtlayoutError, match="no display"):
+        open_log(log)
+    with pytest.raises(GtlayoutError, match="no display"), rerun_observer("spawn", log, Observer()):
+        pass
+
+
+def test_connect_needs_a_listening_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        require_viewer(port)
+    with pytest.raises(GtlayoutError, match="no rerun viewer listens"):
+        require_viewer(port)
