@@ -12,7 +12,6 @@ from shapely.geometry.base import BaseGeometry
 from gtlayout.config import ExtentConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
-from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
@@ -33,9 +32,8 @@ def compute_extents(
     """
     max_depth = config.max_depth_ratio * median_depth(scene, instances, planes)
     frames = [_plane_frame(plane, scene) for plane in planes]
-    views = [annotated_labels(scene, instances, k) for k in range(len(scene.key_frames))]
     unrefined = [
-        _tidy(_consensus(scene, views, instances, i, planes, frames[i], max_depth, config), config)
+        _tidy(_consensus(scene, instances, i, planes, frames[i], max_depth, config), config)
         if planes[i].observable
         else MultiPolygon()
         for i in range(len(instances))
@@ -127,14 +125,8 @@ def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:
     return PlaneFrame(origin, np.stack([e_u, np.cross(plane.normal, e_u)]))
 
 
-def _with_openings(instances: Sequence[Instance], index: int) -> list[tuple[int, int]]:
-    """(key frame, element) of an instance and of the doors and windows it hosts."""
-    return [member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members]
-
-
 def _consensus(
     scene: Scene,
-    views: Sequence[LabelImage],
     instances: Sequence[Instance],
     index: int,
     planes: Sequence[Plane],
@@ -145,60 +137,53 @@ def _consensus(
     """What most key frames say an instance covers, in its plane's frame.
 
     The paper takes the union of the polygons of all key frames: every slip of a hand or a camera then adds to it. Here
-    the polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see
+    all polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see
     something else there, on or behind the plane, than see the instance. Something in front may hide it: no vote.
     """
-    plane = planes[index]
-    pieces = []
-    for key_frame, element in _with_openings(instances, index):
-        camera = scene.frame_of(key_frame).camera
-        region = scene.key_frames[key_frame].elements[element].amodal
-        region = clip_to_plane(region, plane, camera, max_depth, config.min_horizon_px)
-        if not region.is_empty:
-            pieces.append(
-                polygons(shapely.transform(region, lambda px: frame.to_plane(unproject(px, plane, camera))))  # noqa: B023
-            )
-    union = shapely.union_all(pieces)
-    if union.is_empty:
-        return union
-    # Two frames' boundaries may run on top of each other: on a grid they cross cleanly, and no face is lost.
-    grid = 1e-9 * float(np.abs(union.bounds).max())
-    lines = shapely.union_all([piece.boundary for piece in pieces], grid_size=grid)
-    faces = shapely.get_parts(shapely.polygonize([lines]))
-    inside = shapely.point_on_surface(faces)
-    faces, inside = faces[shapely.contains(union, inside)], inside[shapely.contains(union, inside)]
-    balance = _votes(scene, views, instances, index, planes, frame.to_world(shapely.get_coordinates(inside)), config)
-    return shapely.union_all(faces[balance >= 0])
-
-
-def _votes(
-    scene: Scene,
-    views: Sequence[LabelImage],
-    instances: Sequence[Instance],
-    index: int,
-    planes: Sequence[Plane],
-    points_world: FloatArray,
-    config: ExtentConfig,
-) -> IntArray:
-    """(N,) key frames that see the instance at each point of its plane, minus those that see something else there."""
-    balance = np.zeros(len(points_world), dtype=np.int64)
-    host = np.array([-1 if instance.host is None else instance.host for instance in instances])
-    for k, labels in enumerate(views):
+    plane, host = planes[index], instances[index].host
+    own = {member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members}
+    instance_of = {member: i for i, one in enumerate(instances) for member in one.members}
+    seen, contradicted = [], []
+    for k, key_frame in enumerate(scene.key_frames):
         camera = scene.frame_of(k).camera
-        points_px, depth = camera.project(points_world)
-        in_view = (depth > 0) & ((points_px >= 0) & (points_px < (camera.width, camera.height))).all(axis=1)
-        column, row = np.where(in_view[:, None], points_px, 0.0).astype(np.int64).T
-        seen = np.where(in_view, labels[row, column], -1)
-        for other in np.unique(seen[seen >= 0]):
-            here = seen == other
-            if other == index or host[other] == index:
-                balance[here] += 1
-            elif other == host[index]:
-                balance[here] -= 1
-            elif planes[other].observable:
-                inverse = _homogeneous(points_px[here]) @ inverse_depth(planes[other], camera)
-                balance[here] -= inverse * depth[here] < 1 / (1 - config.occluder_margin)
-    return balance
+        mine = shapely.union_all([element.amodal for e, element in enumerate(key_frame.elements) if (k, e) in own])
+        seen.append(_lift(mine, plane, camera, frame, max_depth, config))
+        for e, element in enumerate(key_frame.elements):
+            other = instance_of.get((k, e))
+            if other is None or (k, e) in own or not (planes[other].observable or other == host):
+                continue
+            region = element.amodal.difference(mine)
+            if other != host and not region.is_empty:
+                not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
+                    planes[other], camera
+                )
+                region = region.intersection(_half_plane(not_nearer, region))
+            contradicted.append(_lift(region, plane, camera, frame, max_depth, config))
+    if all(region.is_empty for region in seen):
+        return MultiPolygon()
+    # Two frames' boundaries may run on top of each other: on a grid they cross cleanly, and no face is lost.
+    grid = 1e-9 * float(np.abs([region.bounds for region in seen if not region.is_empty]).max())
+    lines = shapely.union_all([region.boundary for region in seen + contradicted], grid_size=grid)
+    faces = shapely.get_parts(shapely.polygonize([lines]))
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+    votes = _count(seen, inside)
+    return shapely.union_all(faces[(votes > 0) & (votes >= _count(contradicted, inside))])
+
+
+def _lift(
+    region_px: BaseGeometry, plane: Plane, camera: Camera, frame: PlaneFrame, max_depth: float, config: ExtentConfig
+) -> MultiPolygon:
+    """An image region on the plane, in its frame."""
+    clipped = clip_to_plane(region_px, plane, camera, max_depth, config.min_horizon_px)
+    return polygons(shapely.transform(clipped, lambda px: frame.to_plane(unproject(px, plane, camera))))
+
+
+def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
+    """(N,) in how many of the regions each point lies."""
+    count = np.zeros(len(points), dtype=np.int64)
+    for region in regions:
+        count += shapely.contains_xy(region, points)
+    return count
 
 
 def _tidy(geometry: BaseGeometry, config: ExtentConfig) -> MultiPolygon:
@@ -256,8 +241,7 @@ def _refine(
         if sine < np.sin(np.deg2rad(config.min_angle_deg)):
             continue
         line /= sine
-        inside = region.intersection(_half_plane(line, shapely.union_all([region, contact])))
-        touching.append((line if inside.area >= area / 2 else -line, contact))
+        touching.append((_towards(region, line, contact), contact))
     for line, contact in touching:
         gap = _gap(region, line, contact)
         if gap.area <= config.max_growth * area:
@@ -269,12 +253,31 @@ def _refine(
     return region
 
 
+def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> FloatArray:
+    """The line's coefficients with the sign that is positive where the region meets the contact.
+
+    Not where most of the region lies: the floor goes on past the end of a pillar or cabinet that juts into the room.
+    """
+    distance = _homogeneous(shapely.get_coordinates(contact)) @ line
+    # Through the contact as drawn, which borders the region even where the planes' own intersection is off.
+    drawn = line - [0.0, 0.0, float(np.median(distance))]
+    width = max(float(np.ptp(distance)), max(part.length for part in shapely.get_parts(contact)) / 4)
+    beside = region.intersection(contact.buffer(width, cap_style="flat"))
+    positive = beside.intersection(_half_plane(drawn, shapely.union_all([region, contact])))
+    return line if positive.area >= beside.area / 2 else -line
+
+
+def _reach(line: FloatArray, contact: BaseGeometry) -> float:
+    """How far from the intersection line an element's drawn boundary may lie: twice the contact's distance."""
+    return 2 * float(np.abs(_homogeneous(shapely.get_coordinates(contact)) @ line).max())
+
+
 def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
     """What lies between the intersection line and the region's boundary along the contact: its shadow on the line.
 
     ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
     """
-    reach = 2 * float(np.abs(_homogeneous(shapely.get_coordinates(contact)) @ line).max())
+    reach = _reach(line, contact)
     boundary = region.boundary.intersection(contact.buffer(reach)).intersection(_half_plane(line, region))
     quads = []
     for part in shapely.get_parts(_flat(boundary)):
@@ -287,14 +290,20 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseG
 
 
 def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
-    """The pieces beyond the intersection line mostly along the contact; an alcove further along is none of them."""
-    direction = np.array([-line[1], line[0]])
+    """What pokes through the neighbour's plane: the part beyond the intersection line, alongside the contact.
 
-    def interval(geometry: BaseGeometry) -> BaseGeometry:
-        along = shapely.get_coordinates(geometry) @ direction
-        return shapely.box(along.min(), 0, along.max(), 1)
-
-    touched = shapely.union_all([interval(part) for part in shapely.get_parts(contact)])
+    A piece that lies mostly alongside goes whole, for a contact may be seen in part only. Of others, an alcove or the
+    floor that goes on past the end of a pillar, only what is alongside goes.
+    """
+    along, across = np.array([-line[1], line[0]]), line[:2]
+    depth = 2 * max(np.ptp(shapely.get_coordinates(region), axis=0))
+    bands = []
+    for part in shapely.get_parts(contact):
+        points = shapely.get_coordinates(part)
+        points = points - (_homogeneous(points) @ line)[:, None] * across
+        first, last = points[np.argmin(points @ along)], points[np.argmax(points @ along)]
+        bands.append(Polygon([first, last, last - depth * across, first - depth * across]))
+    alongside = shapely.union_all(bands)
     pieces = polygons(region.intersection(_half_plane(-line, region)))
-    spans = [(piece, interval(piece)) for piece in pieces.geoms]
-    return shapely.union_all([piece for piece, span in spans if touched.intersection(span).area >= span.area / 2])
+    parts = [(piece, piece.intersection(alongside)) for piece in pieces.geoms]
+    return shapely.union_all([piece if part.area >= piece.area / 2 else part for piece, part in parts])
