@@ -19,7 +19,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json, write_atomic, write_json_atomic
 from gtlayout.layout import Extent, Instance, Layout, Mesh, Plane, PlaneFrame
 from gtlayout.quality import Quality
-from gtlayout.scene import FloatArray, Label, Scene
+from gtlayout.scene import LABELS, FloatArray, Label, Scene
 
 FORMAT = "gtlayout-layout/1"
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
@@ -134,13 +134,15 @@ def _read_element(row: dict[str, Any], names: list[str]) -> tuple[Instance, Plan
     members = tuple((int(member["key_frame"]), int(member["index"])) for member in row["members"])
     instance = Instance(row["name"], row["label"], members, None if row["host"] is None else names.index(row["host"]))
     plane = row["plane"]
-    frame = PlaneFrame(_numbers(row["extent"]["origin"]), _numbers(row["extent"]["axes"]))
+    if row["label"] not in LABELS:
+        raise ValueError(f"unknown label {row['label']!r}")
+    frame = PlaneFrame(_numbers(row["extent"]["origin"]).reshape(3), _numbers(row["extent"]["axes"]).reshape(2, 3))
     return (
         instance,
         Plane(
-            _numbers(plane["normal"]),
+            _numbers(plane["normal"]).reshape(3),
             float(_numbers(plane["d"])),
-            _numbers(plane["covariance"]),
+            _numbers(plane["covariance"]).reshape(4, 4),
             bool(plane["observable"]),
             plane["note"],
             int(plane["tracks"]),
