@@ -48,12 +48,16 @@ def read_truth(scene: Scene) -> Truth | None:
         raise GtlayoutError(f"{path}: a plane is damaged: {error}") from error
     of = {}
     for k, key_frame in enumerate(scene.key_frames):
-        names = elements.get(scene.frame_of(k).name, {})
+        frame = scene.frame_of(k).name
+        names = elements.get(frame, {})
+        if not isinstance(names, dict):
+            raise GtlayoutError(f"{path}: the elements of {frame} must be an object, element id: plane name")
         for e, element in enumerate(key_frame.elements):
             if element.id in names:
-                if names[element.id] not in found:
-                    raise GtlayoutError(f"{path}: element {element.id} lies on the unknown plane {names[element.id]!r}")
-                of[k, e] = names[element.id]
+                name = names[element.id]
+                if not isinstance(name, str) or name not in found:
+                    raise GtlayoutError(f"{path}: element {element.id} of {frame} lies on the unknown plane {name!r}")
+                of[k, e] = name
     return Truth(found, of)
 
 
@@ -61,4 +65,8 @@ def _plane(plane: dict[str, object]) -> TruePlane:
     if plane["normal"] is None:
         return TruePlane(np.full(3, np.nan), np.nan, False)
     normal = np.asarray(plane["normal"], dtype=np.float64).reshape(3)
-    return TruePlane(normal, float(plane["d"]), bool(plane.get("from_depth", True)))  # type: ignore[arg-type]
+    length, d = float(np.linalg.norm(normal)), float(plane["d"])  # type: ignore[arg-type]
+    if not (0 < length < np.inf and np.isfinite(d)):
+        raise ValueError(f"normal {plane['normal']} and d {plane['d']} are no plane")
+    # Files round: a normal with six digits is off unit length by enough to look like an angle of 0.07°.
+    return TruePlane(normal / length, d / length, bool(plane.get("from_depth", True)))
