@@ -110,10 +110,9 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
 
 
 def _check_members(scene: Scene, layout: Layout) -> None:
-    for instance in layout.instances:
-        for k, e in instance.members:
-            if k >= len(scene.key_frames) or e >= len(scene.key_frames[k].elements):
-                raise GtlayoutError(f"{scene.root}: the layout was made from other annotations; solve the scene again")
+    annotated = [(k, e) for k, key_frame in enumerate(scene.key_frames) for e in range(len(key_frame.elements))]
+    if sorted(member for instance in layout.instances for member in instance.members) != annotated:
+        raise GtlayoutError(f"{scene.root}: the layout was made from other annotations; solve the scene again")
 
 
 def _depth_error(scene: Scene, layout: Layout) -> DepthError | None:

@@ -76,7 +76,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         table.add_row("depth error ε, mean", f"{depth.mean:.4f} {unit}")
         table.add_row("… without the worst 1 % of pixels", f"{depth.trimmed_mean:.4f} {unit}")
         table.add_row("… median", f"{depth.median:.4f} {unit}")
-        table.add_row("… pixels (of these without a surface)", f"{depth.pixels} ({depth.missing})")
+        table.add_row("… pixels (and without a surface)", f"{depth.pixels} ({depth.missing})")
         for name, mean, pixels in depth.by_instance:
             table.add_row(f"  {name}", f"{mean:.4f} {unit} on {pixels} px")
     for plane in evaluation.planes:
