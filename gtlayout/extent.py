@@ -40,7 +40,10 @@ def compute_extents(
     ]
     touching = _unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
     regions = [
-        _refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], config)
+        _tidy(
+            _refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], config),
+            config,
+        )
         for i, region in enumerate(unrefined)
     ]
     return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, strict=True))

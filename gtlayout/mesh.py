@@ -9,9 +9,10 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from shapely import MultiPoint, MultiPolygon
+from shapely import MultiPoint
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.extent import polygons
 from gtlayout.layout import Extent, Instance, Mesh
 from gtlayout.scene import FloatArray, IntArray
 
@@ -72,14 +73,14 @@ def _take_over(region: BaseGeometry, extent: Extent, others_world: FloatArray, r
     height = np.linalg.norm(others_world - extent.frame.to_world(uv), axis=1)
     near = uv[height < reach]
     near = near[shapely.distance(shapely.points(near), region.boundary) < reach] if len(near) else near
-    snapped = shapely.make_valid(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
+    # Snapping may pinch a thin part to a line, which is dropped.
+    snapped = polygons(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
     return snapped if abs(snapped.area - region.area) < 0.1 * region.area else region
 
 
 def _triangulate(region: BaseGeometry) -> list[FloatArray]:
     """(3, 2) corners of each triangle, counter-clockwise."""
-    polygons = [part for part in shapely.get_parts(region) if part.geom_type == "Polygon"]
-    found = shapely.get_parts(shapely.constrained_delaunay_triangles(MultiPolygon(polygons)))
+    found = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons(region)))
     triangles = []
     for triangle in found:
         corners = shapely.get_coordinates(triangle)[:3]

@@ -76,6 +76,15 @@ def test_neighbours_that_miss_each_other_by_millimetres_are_welded() -> None:
     assert not _surface(apart).is_watertight
 
 
+def test_a_crumb_pinched_to_a_line_does_not_take_the_other_pieces_with_it() -> None:
+    """A triangle of a millimetre beside two pieces of floor: its corners snap onto the foot of a tiny wall."""
+    crumb = Polygon([(2, 1), (2.002, 1), (2.001, 1.001)])
+    floor = replace(rooms.FLOOR.extent, region=MultiPolygon([box(0, 0, 1, 2), box(3, 0, 4, 2), crumb]))
+    wall = rooms.Surface("wall", rooms.rectangle([1.999, 1.001, 0], [0.004, 0, 0], rooms.Z))
+    mesh = build_mesh(rooms.instances_of((rooms.FLOOR, wall), 1), [floor, wall.extent])
+    assert _areas(mesh, 1) == pytest.approx([4.0])
+
+
 def test_contact_edges_share_vertices_after_refinement() -> None:
     """The far wall drawn 2 % too narrow: refinement closes the gap, the mesh joins the walls on the common line."""
     surfaces = (rooms.FLOOR, rooms.CEILING, rooms.LEFT, rooms.RIGHT, rooms.FAR)
