@@ -172,7 +172,7 @@ def as_multi(region: Polygon | MultiPolygon) -> MultiPolygon:
 def make_tracks(
     room: Room,
     rng: np.random.Generator,
-    per_element: int = 30,
+    per_element: int = 12,
     sigma_px: float = 0.5,
     relief: float = 0.0,
     drifting: float = 0.0,

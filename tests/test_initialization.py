@@ -1,0 +1,170 @@
+"""Starting planes: near the truth, also where an element's own tracks are few or wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulation import Room, box_faces, make_room, make_tracks, orbit, true_edges, true_instance
+
+from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.edges import ContactEdge
+from gtlayout.evidence import Evidence, Normalisation, Views, gather
+from gtlayout.initialization import face_cameras, initial_planes
+from gtlayout.scene import FloatArray, IntArray
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import triangulate
+
+KEY_FRAMES = [2, 6, 10, 14, 18]
+CONFIG = EstimationConfig()
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    return make_room(orbit(), KEY_FRAMES)
+
+
+def collect(room: Room, tracks: Tracks, edges: Sequence[ContactEdge]) -> tuple[Evidence, Normalisation]:
+    rays = triangulate(room.scene, tracks, TriangulationConfig())
+    local = Normalisation.of(rays, room.scene.metric)
+    track_instance = true_instance(room, tracks)
+    return gather(room.scene, tracks, local.rays(rays), track_instance, room.instances, edges, local, CONFIG), local
+
+
+def start(room: Room, tracks: Tracks, edges: Sequence[ContactEdge], seed: int = 0) -> FloatArray:
+    """(S, 4) starting planes in the world."""
+    evidence, local = collect(room, tracks, edges)
+    return local.planes_to_world(initial_planes(evidence, CONFIG.depth_range, CONFIG.initialization, seed))[0]
+
+
+def off(room: Room, planes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Angles in degrees and distances of the seen centres."""
+    cosine = np.clip(np.sum(planes[:, :3] * room.planes[:, :3], axis=1), -1, 1)
+    centers = np.array([room.seen_center(i) for i in range(len(planes))])
+    return np.rad2deg(np.arccos(cosine)), np.abs(np.sum(planes[:, :3] * centers, axis=1) + planes[:, 3])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_start_is_in_the_right_basin(room: Room, seed: int) -> None:
+    tracks = make_tracks(room, np.random.default_rng(seed), sigma_px=1.0, drifting=0.2)
+    angles_deg, offsets = off(room, start(room, tracks, true_edges(room), seed))
+    assert angles_deg.max() < 5
+    assert offsets.max() < 0.15
+
+
+def test_tracks_alone_are_enough(room: Room) -> None:
+    angles_deg, offsets = off(room, start(room, make_tracks(room, np.random.default_rng(0)), []))
+    assert angles_deg.max() < 5
+    assert offsets.max() < 0.15
+
+
+def test_edges_outvote_a_few_mirror_images(room: Room) -> None:
+    # A glossy wall: its few tracks triangulate consistently on a plane 1 m behind it.
+    wall = next(i for i, plane in enumerate(room.planes) if plane[1] < -0.9)
+    mirror = replace(room, planes=room.planes.copy())
+    mirror.planes[wall, 3] += 1.0
+    rng = np.random.default_rng(0)
+    good = make_tracks(room, rng)
+    bad = make_tracks(mirror, rng, without=[i for i in range(len(room.instances)) if i != wall])
+    few = np.nonzero(true_instance(room, bad) == wall)[0][:10]
+    keep = np.nonzero(true_instance(room, good) != wall)[0]
+    tracks = joined(chosen(good, keep), chosen(bad, few))
+    angles_deg, offsets = off(room, start(room, tracks, true_edges(room)))
+    assert offsets[wall] < 0.15
+    assert angles_deg[wall] < 5
+
+
+def test_what_nothing_places_is_nan_and_the_rest_is_not(room: Room) -> None:
+    wall = next(i for i, plane in enumerate(room.planes) if plane[1] < -0.9)
+    edges = [edge for edge in true_edges(room) if wall not in edge.instances]
+    planes = start(room, make_tracks(room, np.random.default_rng(0), without=[wall]), edges)
+    assert np.isnan(planes[wall]).all()
+    assert np.isfinite(np.delete(planes, wall, axis=0)).all()
+
+
+@pytest.mark.parametrize("neighbour", ["floor", "wall"])
+def test_edges_with_one_neighbour_do_not_put_a_surface_into_that_neighbours_plane(neighbour: str) -> None:
+    # All these edges lie in the neighbour's plane, and two equal planes meet wherever one likes.
+    faces = list(box_faces())
+    faces[5] = replace(faces[5], label="slanted")
+    room = make_room(orbit(), KEY_FRAMES, faces)
+    slanted = room.index("slanted")
+    other = room.index("floor") if neighbour == "floor" else room.index("wall")
+    edges = [edge for edge in true_edges(room) if slanted not in edge.instances or other in edge.instances]
+    planes = start(room, make_tracks(room, np.random.default_rng(0), without=[slanted]), edges)
+    if np.isfinite(planes[slanted]).all():
+        cosine = abs(planes[slanted, :3] @ planes[other, :3])
+        assert cosine < np.cos(np.deg2rad(10))
+
+
+def test_a_door_starts_on_its_wall() -> None:
+    corners = np.array([[2.0, 5, 0], [2.0, 5, 2], [2.9, 5, 2], [2.9, 5, 0]])
+    room = make_room(orbit(), KEY_FRAMES, [*box_faces(), replace(box_faces()[5], label="door", corners=corners)])
+    door = room.index("door")
+    wall = next(i for i, plane in enumerate(room.planes) if plane[1] < -0.9 and i != door)
+    instances = tuple(replace(one, host=wall if i == door else None) for i, one in enumerate(room.instances))
+    planes = start(replace(room, instances=instances), make_tracks(room, np.random.default_rng(0), without=[door]), [])
+    np.testing.assert_array_equal(planes[door], planes[wall])
+
+
+def test_normals_are_turned_to_the_cameras() -> None:
+    views = Views(np.array([[0.0, 0, 1], [1, 0, 1.2]]), np.array([[0.0, 0, -1], [0, 0, -1]]))
+    planes = np.array([[0.0, 0, 1, 0], [0, 0, -1, 0], [0, 0, 1, -3]])
+    np.testing.assert_array_equal(face_cameras(planes, views), [[0, 0, 1, 0], [0, 0, 1, 0], [0, 0, -1, 3]])
+
+
+def test_the_same_seed_gives_the_same_start(room: Room) -> None:
+    tracks = make_tracks(room, np.random.default_rng(0), drifting=0.2)
+    a, b = (start(room, tracks, true_edges(room)) for _ in range(2))
+    assert a.tobytes() == b.tobytes()
+
+
+def test_normalisation_keeps_pixels_and_planes() -> None:
+    shift = np.array([1000.0, -1000.0, 1000.0])
+    room = make_room(orbit(), KEY_FRAMES, scale=137.0, shift=shift, metric=False)
+    rays = triangulate(room.scene, make_tracks(room, np.random.default_rng(0)), TriangulationConfig())
+    local = Normalisation.of(rays, metric=False)
+    points = rays.points_world()
+    inside = local.rays(rays).points_world()
+    assert np.median(1 / local.rays(rays).rho) == pytest.approx(2.5, rel=0.01)
+    np.testing.assert_allclose(np.median(inside, axis=0), 0, atol=1e-9)
+    np.testing.assert_allclose(local.points_to_world(inside), points, rtol=1e-9)
+    camera = room.scene.frames[7].camera
+    np.testing.assert_allclose(local.camera(camera).project(inside)[0], camera.project(points)[0], atol=1e-6)
+    # A plane through three local points passes through the same three in the world.
+    a, b, c = inside[:3]
+    normal = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+    world, jacobian = local.planes_to_world(np.append(normal, -normal @ a)[None])
+    np.testing.assert_allclose(points[:3] @ world[0, :3] + world[0, 3], 0, atol=1e-8)
+    np.testing.assert_allclose(jacobian @ np.append(normal, -normal @ a), world[0], rtol=1e-12)
+
+
+def chosen(tracks: Tracks, index: IntArray) -> Tracks:
+    """Only the tracks ``index`` (ascending)."""
+    number = np.full(len(tracks), -1)
+    number[index] = np.arange(len(index))
+    seen = number[tracks.track] >= 0
+    return replace(
+        tracks,
+        key_frame=tracks.key_frame[index],
+        element=tracks.element[index],
+        track=number[tracks.track[seen]],
+        frame=tracks.frame[seen],
+        points_px=tracks.points_px[seen],
+        sigma_px=tracks.sigma_px[index],
+    )
+
+
+def joined(a: Tracks, b: Tracks) -> Tracks:
+    """The tracks of both; tried points as in the first."""
+    return Tracks(
+        np.concatenate([a.key_frame, b.key_frame]),
+        np.concatenate([a.element, b.element]),
+        np.concatenate([a.track, b.track + len(a)]),
+        np.concatenate([a.frame, b.frame]),
+        np.concatenate([a.points_px, b.points_px]),
+        np.concatenate([a.sigma_px, b.sigma_px]),
+        a.tried,
+    )
