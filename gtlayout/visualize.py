@@ -7,6 +7,7 @@ them. ``gtlayout.rerun_log.RerunObserver`` has the same face and logs to rerun, 
 from __future__ import annotations
 
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -95,7 +96,7 @@ def rerun_observer(mode: RerunMode, log: Path, progress: Observer) -> Iterator[O
         if mode == "save":
             recording.save(unfinished)
         elif mode == "spawn":
-            recording.spawn()
+            rr.spawn(executable_path=_viewer(), recording=recording)
         else:
             recording.connect_grpc()
         try:
@@ -135,8 +136,17 @@ def open_log(log: Path) -> None:
         msg = f"{log} does not exist: make it with `gtlayout solve --rerun save`"
         raise GtlayoutError(msg)
     require_display()
-    viewer = subprocess.run([sys.executable, "-m", "rerun", str(log)], capture_output=True, text=True, check=False)
+    viewer = subprocess.run([_viewer(), log], capture_output=True, text=True, check=False)
     if viewer.returncode != 0:
         reason = (viewer.stderr.strip().splitlines() or ["no reason given"])[-1]
         msg = f"the rerun viewer ended with status {viewer.returncode}: {reason}"
         raise GtlayoutError(msg)
+
+
+def _viewer() -> str:
+    """The ``rerun`` command that rerun-sdk installs beside Python, which need not be on the PATH."""
+    found = shutil.which("rerun", path=Path(sys.executable).parent) or shutil.which("rerun")
+    if found is None:
+        msg = "the rerun viewer is not installed: pip install rerun-sdk"
+        raise GtlayoutError(msg)
+    return found

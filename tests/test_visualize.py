@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 from collections import defaultdict
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from rerun.chunk import Chunk, RrdReader
 
+import gtlayout.visualize
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
@@ -121,3 +123,24 @@ def test_connect_needs_a_listening_viewer() -> None:
         require_viewer(port)
     with pytest.raises(GtlayoutError, match="no rerun viewer listens"):
         require_viewer(port)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the stand-in viewer is a shell script")
+@pytest.mark.parametrize(
+    ("script", "says"), [("exit 0", None), ("echo loading; echo no screen >&2; exit 3", "no screen")]
+)
+def test_view_hands_the_log_to_the_viewer(
+    script: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    viewer, log, got = tmp_path / "rerun", tmp_path / "a log.rrd", tmp_path / "got"
+    viewer.write_text(f'#!/bin/sh\necho "$@" > {got}\n{script}\n')
+    viewer.chmod(0o755)
+    log.touch()
+    monkeypatch.setattr(gtlayout.visualize, "_viewer", lambda: str(viewer))
+    monkeypatch.setenv("DISPLAY", ":0")
+    if says is None:
+        open_log(log)
+    else:
+        with pytest.raises(GtlayoutError, match=f"status 3: {says}"):
+            open_log(log)
+    assert got.read_text() == f"{log}\n"
