@@ -108,10 +108,10 @@ def test_only_visible_pixels_with_measured_depth_count(tmp_path: Path) -> None:
 
 def test_pixels_without_a_surface_are_counted(tmp_path: Path) -> None:
     """The layout's wall is 30 px narrower than the annotated one."""
-    scene = _with_depth(_scene(tmp_path, [rooms.facing(0, 0, 100, 80)]), _even(rooms.WALL_DEPTH))
+    scene = _with_depth(_scene(tmp_path, [rooms.facing(0, 0, 100, 80)], 2), _even(rooms.WALL_DEPTH))
     found = _evaluate(scene, [rooms.facing(30, 0, 100, 80)]).depth
     assert found is not None
-    assert (found.pixels, found.missing) == (70 * 80, 30 * 80)
+    assert (found.pixels, found.missing) == (2 * 70 * 80, 2 * 30 * 80)
     nothing = _evaluate(scene, [rooms.Surface("wall", rooms.facing(0, 0, 100, 80).corners - np.array([0, 20, 0]))])
     assert nothing.iou == 0.0
 
@@ -184,9 +184,12 @@ def test_elements_on_the_wrong_instance_are_counted(tmp_path: Path) -> None:
     assert right(((0, 0), (1, 0)), ((0, 1), (1, 1), (2, 1)), ((2, 0),)) == (5, 6)
 
 
-def test_truth_with_elements_it_does_not_name(tmp_path: Path) -> None:
-    _write_truth(tmp_path, {"a": _true(LEFT)}, {"0.png": {"e0": "a"}})
+def test_truth_that_names_no_element_is_missing(tmp_path: Path) -> None:
+    """Also where an instance is left over: nothing says that it is this plane."""
+    _write_truth(tmp_path, {"a": _true(LEFT), "b": _true(RIGHT)}, {"0.png": {"e0": "a"}})
     found = _evaluate(_scene(tmp_path, [LEFT, RIGHT], 2), [LEFT, RIGHT])
+    assert [plane.truth for plane in found.planes] == ["a"]
+    assert found.missing_planes == ("b",)
     assert (found.elements, found.elements_on_right_instance) == (1, 1)
 
 
