@@ -72,7 +72,9 @@ class Room:
     def index(self, label: Label, k: int = 0) -> int:
         """The instance with this label that covers most of key frame ``k``."""
         elements = self.scene.key_frames[k].elements
-        best = max((e for e in range(len(elements)) if elements[e].label == label), key=lambda e: elements[e].amodal.area)
+        best = max(
+            (e for e in range(len(elements)) if elements[e].label == label), key=lambda e: elements[e].amodal.area
+        )
         return int(self.instance_of[k][best])
 
 
@@ -126,12 +128,11 @@ def make_room(
     """
     rng = np.random.default_rng(seed)
     origin = np.zeros(3) if shift is None else shift
-    moved = [
-        replace(c, t_cam_from_world=scale * c.t_cam_from_world - c.R_cam_from_world @ origin) for c in cameras
-    ]
+    moved = [replace(c, t_cam_from_world=scale * c.t_cam_from_world - c.R_cam_from_world @ origin) for c in cameras]
     faces = tuple(replace(f, corners=scale * f.corners + origin) for f in faces or box_faces())
     frames = tuple(Frame(f"{i:03d}.png", Path("/nowhere") / f"{i:03d}.png", c) for i, c in enumerate(moved))
-    annotated, members = [], {}
+    annotated: list[KeyFrame] = []
+    members: dict[int, list[tuple[int, int]]] = {}
     for k, f in enumerate(key_frames):
         drawn = [(i, draw(moved[f], face, 0.05 * scale)) for i, face in enumerate(faces)]
         drawn = [(i, region) for i, region in drawn if region.area > min_area_px]
@@ -246,6 +247,22 @@ def make_tracks(
     )
 
 
+def chosen(tracks: Tracks, index: IntArray) -> Tracks:
+    """Only the tracks ``index`` (ascending)."""
+    number = np.full(len(tracks), -1)
+    number[index] = np.arange(len(index))
+    seen = number[tracks.track] >= 0
+    return replace(
+        tracks,
+        key_frame=tracks.key_frame[index],
+        element=tracks.element[index],
+        track=number[tracks.track[seen]],
+        frame=tracks.frame[seen],
+        points_px=tracks.points_px[seen],
+        sigma_px=tracks.sigma_px[index],
+    )
+
+
 def no_tracks(scene: Scene) -> Tracks:
     """What tracking returns when nothing could be tracked."""
     none = np.empty(0, dtype=np.int64)
@@ -282,7 +299,9 @@ def true_edges(room: Room, step_px: float = 4.0, min_length_px: float = 20.0) ->
     return tuple(edges)
 
 
-def jitter(edges: Sequence[ContactEdge], rng: np.random.Generator, shift_px: float, tilt_px: float) -> list[ContactEdge]:
+def jitter(
+    edges: Sequence[ContactEdge], rng: np.random.Generator, shift_px: float, tilt_px: float
+) -> list[ContactEdge]:
     """Edges as a hand draws them: each moved across its line as a whole, and tilted."""
     drawn = []
     for edge in edges:
@@ -305,9 +324,7 @@ def solve(
     rays = triangulate(room.scene, tracks, TriangulationConfig())
     edges = true_edges(room) if edges is None else edges
     track_instance = true_instance(room, tracks)
-    return estimate(
-        room.scene, tracks, rays, track_instance, room.instances, edges, config or EstimationConfig(), seed
-    )
+    return estimate(room.scene, tracks, rays, track_instance, room.instances, edges, config or EstimationConfig(), seed)
 
 
 def errors(room: Room, planes: Sequence[Plane]) -> tuple[FloatArray, FloatArray]:

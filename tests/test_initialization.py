@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulation import Room, box_faces, make_room, make_tracks, orbit, true_edges, true_instance
+from simulation import Room, box_faces, chosen, make_room, make_tracks, orbit, true_edges, true_instance
 
 from gtlayout.config import EstimationConfig, TriangulationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.initialization import face_cameras, initial_planes
-from gtlayout.scene import FloatArray, IntArray
+from gtlayout.scene import FloatArray
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
 
@@ -139,22 +139,6 @@ def test_normalisation_keeps_pixels_and_planes() -> None:
     world, jacobian = local.planes_to_world(np.append(normal, -normal @ a)[None])
     np.testing.assert_allclose(points[:3] @ world[0, :3] + world[0, 3], 0, atol=1e-8)
     np.testing.assert_allclose(jacobian @ np.append(normal, -normal @ a), world[0], rtol=1e-12)
-
-
-def chosen(tracks: Tracks, index: IntArray) -> Tracks:
-    """Only the tracks ``index`` (ascending)."""
-    number = np.full(len(tracks), -1)
-    number[index] = np.arange(len(index))
-    seen = number[tracks.track] >= 0
-    return replace(
-        tracks,
-        key_frame=tracks.key_frame[index],
-        element=tracks.element[index],
-        track=number[tracks.track[seen]],
-        frame=tracks.frame[seen],
-        points_px=tracks.points_px[seen],
-        sigma_px=tracks.sigma_px[index],
-    )
 
 
 def joined(a: Tracks, b: Tracks) -> Tracks:

@@ -33,7 +33,9 @@ def one_point(cameras: list[Camera], point_world: FloatArray, copies: int = 1) -
 
 
 def sideways(count: int, step_m: float = 0.08) -> list[Camera]:
-    return [look_at(np.array([1.0 + step_m * i, 1.0, 1.4]), np.array([2.0 + step_m * i, 5.0, 1.2])) for i in range(count)]
+    return [
+        look_at(np.array([1.0 + step_m * i, 1.0, 1.4]), np.array([2.0 + step_m * i, 5.0, 1.2])) for i in range(count)
+    ]
 
 
 def test_without_noise_every_point_is_exact() -> None:
@@ -103,9 +105,7 @@ def test_the_unit_of_the_world_does_not_matter() -> None:
     cameras = orbit()
     metre = make_room(cameras, [2, 10, 18], metric=False)
     other = make_room(cameras, [2, 10, 18], scale=137.0, shift=np.array([1000.0, -1000.0, 1000.0]), metric=False)
-    a, b = (
-        triangulate(room.scene, make_tracks(room, np.random.default_rng(0)), CONFIG) for room in (metre, other)
-    )
+    a, b = (triangulate(room.scene, make_tracks(room, np.random.default_rng(0)), CONFIG) for room in (metre, other))
     np.testing.assert_allclose(a.rho, 137 * b.rho, rtol=1e-6)
     np.testing.assert_allclose(a.sigma_rho, 137 * b.sigma_rho, rtol=1e-6)
 
@@ -119,6 +119,6 @@ def test_no_tracks_are_no_rays() -> None:
 
 def test_a_camera_that_only_turns_has_no_path() -> None:
     center = np.array([100.1, -200.3, 1.4])
-    turning = [look_at(center, center + [np.cos(a), np.sin(a), -0.1]) for a in np.linspace(0, 3, 20)]
+    turning = [look_at(center, center + np.array([np.cos(a), np.sin(a), -0.1])) for a in np.linspace(0, 3, 20)]
     assert camera_path(make_room(turning, [0]).scene) == 0.0
     assert camera_path(make_room(sideways(5), [0]).scene) == pytest.approx(0.32)
