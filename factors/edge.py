@@ -10,6 +10,10 @@ import numpy as np
 from gtlayout.factors.batching import FloatArray, custom_factor, plane_parts
 
 
+COPLANAR = 0.01
+"""Planes that differ by less than this angle (radians) all over the view have no line in which they meet."""
+
+
 def edge_factor(
     plane_keys: tuple[int, int], points_px: FloatArray, projection: FloatArray, noise: Any
 ) -> gtsam.CustomFactor:
@@ -39,9 +43,11 @@ def edge_factor(
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[FloatArray, list[FloatArray]]:
         (n_a, d_a, basis_a), (n_b, d_b, basis_b) = (plane_parts(values, key) for key in plane_keys)
         D_a, D_b = n_a @ center + d_a, n_b @ center + d_b
-        line = to_line @ (D_a * n_b - D_b * n_a)
-        # Coincident planes have no line: a tiny length keeps the numbers finite and the pull harmless.
-        length = max(float(np.hypot(line[0], line[1])), 1e-12)
+        through = D_a * n_b - D_b * n_a
+        line = to_line @ through
+        length = float(np.hypot(line[0], line[1]))
+        if np.linalg.norm(through) <= COPLANAR * max(abs(D_a), abs(D_b)) or length == 0.0:
+            return np.zeros(2), [np.zeros((2, 3))] * 2 if want_jacobians else []
         r = u @ line / length
         if not want_jacobians:
             return mix @ r, []

@@ -23,9 +23,9 @@ class TrackingConfig:
     """Margin kept from the rim of a visible part and of the image."""
     sigma_px: float = 1.0
     """Noise of a point with good texture: matching, camera and rolling-shutter errors together."""
-    weak_texture: float = 5e-5
+    weak_texture: float = 1e-4
     """Smaller eigenvalue of the structure tensor (grey values in 0..1) at which image noise adds as much as a pixel."""
-    max_frames: int = 40
+    max_frames: int = 20
     """How far a point is followed each way."""
     min_observations: int = 3
     """Shorter tracks are dropped."""
@@ -154,8 +154,8 @@ class EstimationConfig:
     """Deviation from a right angle, radians."""
     right_angle_reach: float = 0.25
     """sin of the deviation up to which two walls are taken to be meant at a right angle."""
-    sigma_prior_d: float = 100.0
-    """Weak prior: keeps an undetermined plane solvable; its σ then says so."""
+    sigma_prior_depths: float = 10.0
+    """Weak prior on d, in depths of the element: keeps an undetermined plane solvable; its σ then says so."""
     sigma_coplanarity_angle: float = 0.03
     """Angle between a door or window and its wall, radians."""
     sigma_recess: float = 0.03
@@ -174,7 +174,7 @@ class EstimationConfig:
     """A round ends when an iteration lowers the cost by less than this share."""
     settled: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""
-    unobservable_depth: float = 0.5
+    unobservable_depth: float = 2.0
     """A plane whose σ of depth is more than this share of the depth is called unobservable."""
 
 

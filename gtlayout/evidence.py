@@ -10,6 +10,7 @@ from shapely import MultiPolygon, get_coordinates
 
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
+from gtlayout.factors import COPLANAR
 from gtlayout.layout import Instance
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
@@ -76,15 +77,19 @@ class EdgeGroup:
         return np.array([mean - step, mean + step])
 
     def distances_px(self, planes: FloatArray, neighbour: FloatArray) -> FloatArray:
-        """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``."""
+        """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``.
+
+        Infinite for planes that coincide with it: elements that touch along an edge are two planes.
+        """
         center = self.camera.center_world
         clearance = planes[:, :3] @ center + planes[:, 3]
-        through = clearance[:, None] * neighbour[:3] - (neighbour[:3] @ center + neighbour[3]) * planes[:, :3]
+        neighbour_clearance = neighbour[:3] @ center + neighbour[3]
+        through = clearance[:, None] * neighbour[:3] - neighbour_clearance * planes[:, :3]
+        coplanar = np.linalg.norm(through, axis=1) <= 5 * COPLANAR * np.maximum(abs(clearance), abs(neighbour_clearance))
         lines = through @ np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world)
         length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
         homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
-        distances: FloatArray = (lines @ homogeneous.T) / length[:, None]
-        return distances
+        return np.where(coplanar[:, None], np.inf, (lines @ homogeneous.T) / length[:, None])
 
     def ends_on(self, plane: FloatArray) -> FloatArray:
         """(2, 3) points of the edge's two ends on one of its planes."""

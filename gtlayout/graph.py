@@ -12,7 +12,7 @@ import numpy as np
 from gtsam.symbol_shorthand import L, P
 
 from gtlayout.config import EstimationConfig
-from gtlayout.evidence import Evidence
+from gtlayout.evidence import TYPICAL_DEPTH, Evidence
 from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
 from gtlayout.tracking import Tracks
@@ -142,15 +142,17 @@ def _build(
     leash = noise.Isotropic.Sigma(3, config.sigma_prior_point)
     for n in np.unique(tracks.track[observed]).tolist():
         graph.add(gtsam.PriorFactorPoint3(L(n), values.atPoint3(L(n)), leash))
-    prior_sigmas = [config.sigma_prior_normal, config.sigma_prior_normal, config.sigma_prior_d]
-    prior_noise = noise.Diagonal.Sigmas(np.array(prior_sigmas))
     for s in surfaces:
         members = np.nonzero((evidence.track_surface == s) & (weight > _NEGLIGIBLE))[0]
         for batch in np.split(members, range(_BATCH, len(members), _BATCH)):
             if len(batch):
                 keys = [L(int(n)) for n in batch]
                 graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
-        graph.add(plane_prior_factor(P(int(s)), values.atOrientedPlane3(P(int(s))).planeCoefficients(), prior_noise))
+        plane = values.atOrientedPlane3(P(int(s))).planeCoefficients()
+        _, depth = evidence.views[s].seen_on(plane)
+        sigma_d = config.sigma_prior_depths * (float(np.median(depth)) if len(depth) else TYPICAL_DEPTH)
+        prior_noise = noise.Diagonal.Sigmas(np.array([config.sigma_prior_normal, config.sigma_prior_normal, sigma_d]))
+        graph.add(plane_prior_factor(P(int(s)), plane, prior_noise))
     edge_noise = noise.Robust.Create(
         noise.mEstimator.Cauchy.Create(config.edge_cauchy),
         noise.Diagonal.Sigmas(np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])),

@@ -92,6 +92,16 @@ def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() ->
     np.testing.assert_allclose(np.abs(error(0, 2)), [0, 2], atol=1e-9)
 
 
+def test_edge_of_coincident_planes_says_nothing() -> None:
+    values = gtsam.Values()
+    for key in (P(0), P(1)):
+        values.insert(key, gtsam.OrientedPlane3(np.array([0, 0, -1.0, 3])))
+    factor = edge_factor((P(0), P(1)), np.array([[10.0, 20], [30, 40]]), CAMERA, gtsam.noiseModel.Unit.Create(2))
+    jacobian, error = factor.linearize(values).jacobian()
+    assert not jacobian.any()
+    assert not error.any()
+
+
 def test_perpendicularity_is_the_sine_of_the_deviation() -> None:
     values = gtsam.Values()
     tilt = np.deg2rad(7)
