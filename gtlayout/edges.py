@@ -61,7 +61,9 @@ def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: Edg
         return np.empty((0, 2))
     # Flat ends: a boundary that only comes close at its end does not run along the other one.
     near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px, cap_style="flat")).difference(excluded)
-    pieces = [line for line in getattr(shapely.line_merge(near), "geoms", [near]) if line.geom_type == "LineString"]
+    # Where boundaries only cross, the intersection holds single points too.
+    lines = [part for part in shapely.get_parts(near) if part.geom_type == "LineString" and part.length > 0]
+    pieces = shapely.get_parts(shapely.line_merge(MultiLineString(lines)))
     samples = [
         shapely.line_interpolate_point(line, np.arange(config.step_px / 2, line.length, config.step_px))
         for line in pieces
