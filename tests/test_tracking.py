@@ -108,6 +108,15 @@ def sideways(count: int, step_m: float = 0.06) -> list[Camera]:
     return [camera_at([step_m * (i - count // 2), 0.01 * i, 0.0], 0.5 * i) for i in range(count)]
 
 
+def dense_flow(
+    source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """A dense tracker behind the same interface, as RAFT would be: it needs no guess."""
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(source, target, None)  # type: ignore[call-overload]
+    column, row = np.clip(points_px.astype(int), 0, [WIDTH - 1, HEIGHT - 1]).T
+    return points_px + flow[row, column].astype(np.float64), np.ones(len(points_px), dtype=bool)
+
+
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Clip:
     return make_clip(tmp_path_factory.mktemp("clip"), sideways(9), [4])
@@ -209,7 +218,9 @@ def test_tracks_end_at_the_image_border(tmp_path: Path) -> None:
     assert np.mean(last[~ended] == 8) > 0.7
 
 
-def test_tracks_end_where_something_moves_in_front(tmp_path: Path) -> None:
+# A dense flow has no forward-backward check of its own: the key frame's patch alone must notice.
+@pytest.mark.parametrize("tracker", [None, dense_flow])
+def test_tracks_end_where_something_moves_in_front(tmp_path: Path, tracker: PairTracker | None) -> None:
     clip = make_clip(tmp_path, sideways(9), [2])
     cover = render(clip.scene.frames[0].camera, texture(seed=5))[60:180, 100:220]
     for i in range(6, 9):
@@ -217,7 +228,7 @@ def test_tracks_end_where_something_moves_in_front(tmp_path: Path) -> None:
         assert image is not None
         image[60:180, 100:220] = cover
         write(clip.scene.frames[i].image_path, np.asarray(image, dtype=np.uint8))
-    found = track(clip.scene, CONFIG, seed=0)
+    found = track(clip.scene, CONFIG, seed=0, tracker=tracker)
     start = found.points_px[found.frame == 2]
     last = np.array([found.frame[found.track == n].max() for n in range(len(found))])
     at_six = clip.where(start, 2, 6)
@@ -313,15 +324,6 @@ def test_the_homography_of_a_turn_moves_points_at_infinity() -> None:
     far = [camera.project(1e9 * directions)[0] for camera in (a, b)]
     mapped = np.column_stack([far[0], np.ones(2)]) @ infinite_homography(a, b).T
     np.testing.assert_allclose(mapped[:, :2] / mapped[:, 2:], far[1], atol=1e-4)
-
-
-def dense_flow(
-    source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """A dense tracker behind the same interface, as RAFT would be: it needs no guess."""
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(source, target, None)  # type: ignore[call-overload]
-    column, row = np.clip(points_px.astype(int), 0, [WIDTH - 1, HEIGHT - 1]).T
-    return points_px + flow[row, column].astype(np.float64), np.ones(len(points_px), dtype=bool)
 
 
 def nothing_found(
