@@ -115,6 +115,8 @@ class InitializationConfig:
     """sin of the deviation from which on an angle is not right at all."""
     manhattan_weight: float = 2.0
     """Worth, in tracks, of a wall at right angles or parallel to the others."""
+    usual_depth_weight: float = 0.5
+    """Price, in tracks, of a depth e times or 1/e of the points' median depth."""
     absurd_weight: float = 5.0
     """Price of an element drawn where its plane cannot be seen."""
 
@@ -154,8 +156,10 @@ class EstimationConfig:
     """Deviation from a right angle, radians."""
     right_angle_reach: float = 0.25
     """sin of the deviation up to which two walls are taken to be meant at a right angle."""
+    sigma_start_depths: float = 0.5
+    """How far the solve may move d from its start where little else determines it, in depths of the element."""
     sigma_prior_depths: float = 10.0
-    """Weak prior on d, in depths of the element: keeps an undetermined plane solvable; its σ then says so."""
+    """Prior on d in the marginals, in depths: keeps an undetermined plane solvable; its σ then says so."""
     sigma_coplanarity_angle: float = 0.03
     """Angle between a door or window and its wall, radians."""
     sigma_recess: float = 0.03

@@ -63,13 +63,17 @@ def solve(
         values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0])
         seen = observed & used[tracks.track]
         graph = _build(cameras, tracks, evidence, values, surfaces, right_angles, seen, weight, config)
-        values = _optimise(graph, values, surfaces, start, config, costs, history)
+        anchored = gtsam.NonlinearFactorGraph(graph)
+        anchored.push_back(_priors(evidence, start, surfaces, config.sigma_start_depths, config))
+        values = _optimise(anchored, values, surfaces, start, config, costs, history)
         before, planes = planes, history[-1].copy()
         landmarks[:] = np.nan
         for n in np.nonzero(used)[0]:
             landmarks[n] = values.atPoint3(L(int(n)))
         if np.abs(planes - before)[surfaces].max() < config.settled:
             break
+    # The start is no measurement: what only it determines must not look certain.
+    graph.push_back(_priors(evidence, planes, surfaces, config.sigma_prior_depths, config))
     marginals = gtsam.Marginals(graph, values)
     covariances = np.full((len(start), 4, 4), np.nan)
     for s in surfaces:
@@ -148,11 +152,6 @@ def _build(
             if len(batch):
                 keys = [L(int(n)) for n in batch]
                 graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
-        plane = values.atOrientedPlane3(P(int(s))).planeCoefficients()
-        _, depth = evidence.views[s].seen_on(plane)
-        sigma_d = config.sigma_prior_depths * (float(np.median(depth)) if len(depth) else TYPICAL_DEPTH)
-        prior_noise = noise.Diagonal.Sigmas(np.array([config.sigma_prior_normal, config.sigma_prior_normal, sigma_d]))
-        graph.add(plane_prior_factor(P(int(s)), plane, prior_noise))
     edge_noise = noise.Robust.Create(
         noise.mEstimator.Cauchy.Create(config.edge_cauchy),
         noise.Diagonal.Sigmas(np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])),
@@ -176,6 +175,19 @@ def _build(
                 graph.add(coplanarity_factor((P(int(a)), P(b)), np.median(points, axis=0), in_wall))
     for a, b in right_angles:
         graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
+    return graph
+
+
+def _priors(
+    evidence: Evidence, planes: FloatArray, surfaces: IntArray, sigma_depths: float, config: EstimationConfig
+) -> gtsam.NonlinearFactorGraph:
+    """A prior on every plane that only matters where nothing else does: σ of d is so many depths of the surface."""
+    graph = gtsam.NonlinearFactorGraph()
+    for s in surfaces:
+        _, depth = evidence.views[s].seen_on(planes[s])
+        sigma_d = sigma_depths * (float(np.median(depth)) if len(depth) else TYPICAL_DEPTH)
+        sigmas = np.array([config.sigma_prior_normal, config.sigma_prior_normal, sigma_d])
+        graph.add(plane_prior_factor(P(int(s)), planes[s], gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     return graph
 
 

@@ -81,6 +81,9 @@ class _Search:
         depth = evidence.views[surface].depths(hypotheses)
         absurd = (depth < self.depth_range[0]) | (depth > self.depth_range[1])
         cost = config.absurd_weight * absurd.mean(axis=1)
+        # Of depths that all else leaves open the usual one.
+        ratio = np.median(np.clip(depth, *self.depth_range), axis=1) * np.median(evidence.rays.rho)
+        cost += config.usual_depth_weight * np.log(ratio) ** 2
         if len(index):
             capped = np.minimum((evidence.track_residuals(index, hypotheses) / config.track_cutoff) ** 2, 1.0)
             cost += min(len(index), config.max_track_weight) * capped.mean(axis=1)

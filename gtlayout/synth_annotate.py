@@ -7,14 +7,15 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.scene import BoolArray, Camera, Element, FloatArray, KeyFrame
+from gtlayout.scene import OPENINGS, BoolArray, Camera, Element, FloatArray, KeyFrame
 from gtlayout.synth_render import Cast, faces_camera, project_polygon
 from gtlayout.synth_room import Room
 
 MIN_AREA_SHARE = 1e-3
 """Of the image: nobody draws smaller pieces."""
 ERODE_SHARE = 0.01
-"""Of the image's width: visible parts keep away from furniture and corners."""
+"""Of the image's width: visible parts keep away from furniture and corners; what remains of a door or window at the
+image border is left to its wall when it is not even twice as wide."""
 SIMPLIFY_PX = 1.5
 
 
@@ -38,7 +39,8 @@ def annotate(
             continue
         seen = _polygons(Polygon(outline) & shapely.box(0, 0, camera.width, camera.height))
         amodal = MultiPolygon([_by_hand(part, shifts, camera, jitter_sigma_px, rng) for part in seen])
-        if amodal.area >= MIN_AREA_SHARE * camera.width * camera.height:
+        sliver = surface.label in OPENINGS and amodal.buffer(-ERODE_SHARE * camera.width).is_empty
+        if amodal.area >= MIN_AREA_SHARE * camera.width * camera.height and not sliver:
             drawn.append((number, amodal))
 
     elements: list[Element] = []
