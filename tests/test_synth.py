@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -107,6 +108,19 @@ def test_annotations_without_jitter_are_what_the_empty_room_looks_like(
             drawn, seen = labels == number, empty == number
             assert (drawn & seen).sum() / (drawn | seen).sum() > 0.97
         assert (labels < 0).mean() < 0.002
+
+
+@pytest.mark.parametrize(("strip_px", "drawn"), [(5.0, False), (20.0, True)])
+def test_a_sliver_of_a_window_at_the_image_border_is_not_drawn(
+    furnished: Room, cameras: tuple[Camera, ...], strip_px: float, drawn: bool
+) -> None:
+    camera = cameras[30]
+    window = next(surface for surface in furnished.structure if surface.label == "window")
+    left_px = camera.project(window.corners_world)[0][:, 0].min()
+    shift = np.array([[0, 0, camera.width - strip_px - left_px], [0, 0, 0], [0, 0, 0]])
+    shifted = replace(camera, K=camera.K + shift)
+    key_frame, _ = annotate(furnished, shifted, cast(furnished.surfaces, shifted), 0, 0.0, np.random.default_rng(0))
+    assert ("window" in {element.label for element in key_frame.elements}) == drawn
 
 
 def test_visible_parts_see_their_element_and_no_furniture(furnished: Room, cameras: tuple[Camera, ...]) -> None:
