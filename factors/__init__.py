@@ -4,9 +4,9 @@ Observations of landmarks need no custom factor: GTSAM's native ``TriangulationF
 """
 
 from gtlayout.factors.coplanarity import coplanarity_factor
-from gtlayout.factors.edge import COPLANAR, edge_factor
+from gtlayout.factors.edge import edge_factor
 from gtlayout.factors.perpendicularity import perpendicularity_factor
 from gtlayout.factors.prior import plane_prior_factor
 from gtlayout.factors.track import track_factor
 
-__all__ = ["COPLANAR", "coplanarity_factor", "edge_factor", "perpendicularity_factor", "plane_prior_factor", "track_factor"]
+__all__ = ["coplanarity_factor", "edge_factor", "perpendicularity_factor", "plane_prior_factor", "track_factor"]

@@ -9,8 +9,7 @@ import numpy as np
 
 from gtlayout.factors.batching import FloatArray, custom_factor, plane_parts
 
-
-COPLANAR = 0.01
+_COPLANAR = 0.01
 """Planes that differ by less than this angle (radians) all over the view have no line in which they meet."""
 
 
@@ -46,7 +45,7 @@ def edge_factor(
         through = D_a * n_b - D_b * n_a
         line = to_line @ through
         length = float(np.hypot(line[0], line[1]))
-        if np.linalg.norm(through) <= COPLANAR * max(abs(D_a), abs(D_b)) or length == 0.0:
+        if np.linalg.norm(through) <= _COPLANAR * max(abs(D_a), abs(D_b)) or length == 0.0:
             return np.zeros(2), [np.zeros((2, 3))] * 2 if want_jacobians else []
         r = u @ line / length
         if not want_jacobians:

@@ -178,6 +178,8 @@ class EstimationConfig:
     """A round ends when an iteration lowers the cost by less than this share."""
     settled: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""
+    min_moved_share: float = 0.2
+    """Share of tracks that must show parallax; below it the camera does not move."""
     unobservable_depth: float = 2.0
     """A plane whose σ of depth is more than this share of the depth is called unobservable."""
 

@@ -21,6 +21,9 @@ from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
 
+MOVED_SIGMAS = 3.0
+"""A track shows parallax when a point at infinity explains it worse by so many σ."""
+
 
 @dataclass(frozen=True)
 class Iteration:
@@ -69,6 +72,8 @@ def estimate(
         raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
     if len(tracks) == 0:
         raise GtlayoutError(f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}")
+    if np.mean(rays.parallax_sigmas > MOVED_SIGMAS) < config.min_moved_share:
+        raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     local = Normalisation.of(rays, scene.metric)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
     start = initial_planes(evidence, config.depth_range, config.initialization, seed)

@@ -10,12 +10,13 @@ from shapely import MultiPolygon, get_coordinates
 
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.factors import COPLANAR
 from gtlayout.layout import Instance
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
 
+_MIN_DIHEDRAL = 0.2
+"""Planes at less than this angle (radians) make no edge that an annotator would draw."""
 TYPICAL_DEPTH = 2.5
 """Median depth to which a scene without a unit is scaled, so that the noise model's metres mean something."""
 
@@ -85,7 +86,9 @@ class EdgeGroup:
         clearance = planes[:, :3] @ center + planes[:, 3]
         neighbour_clearance = neighbour[:3] @ center + neighbour[3]
         through = clearance[:, None] * neighbour[:3] - neighbour_clearance * planes[:, :3]
-        coplanar = np.linalg.norm(through, axis=1) <= 5 * COPLANAR * np.maximum(abs(clearance), abs(neighbour_clearance))
+        coplanar = np.linalg.norm(through, axis=1) <= _MIN_DIHEDRAL * np.maximum(
+            abs(clearance), abs(neighbour_clearance)
+        )
         lines = through @ np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world)
         length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
         homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])

@@ -72,8 +72,9 @@ class _Search:
         if len(hypotheses) == 0:
             return np.full(4, np.nan)
         hypotheses = face_cameras(hypotheses, self.evidence.views[surface])
-        chosen: FloatArray = hypotheses[np.argmin(self._cost(surface, index, hypotheses, planes))]
-        return chosen
+        cost = self._cost(surface, index, hypotheses, planes)
+        best = int(np.argmin(cost))
+        return hypotheses[best] if np.isfinite(cost[best]) else np.full(4, np.nan)
 
     def _cost(self, surface: int, index: IntArray, hypotheses: FloatArray, planes: FloatArray) -> FloatArray:
         """(H,) cost of ``surface`` at each hypothesis while all others stay at ``planes`` (NaN = not placed)."""
@@ -90,7 +91,11 @@ class _Search:
         for group in evidence.edges:
             if surface in group.surfaces and np.isfinite(planes[group.other(surface), 0]):
                 worst = np.abs(group.distances_px(hypotheses, planes[group.other(surface)])).max(axis=1)
-                cost += config.edge_weight * np.minimum((worst / config.edge_cutoff_px) ** 2, 1.0)
+                price = np.minimum((worst / config.edge_cutoff_px) ** 2, 1.0)
+                if len(index) == 0:
+                    # In a neighbour's own plane the edge with it says nothing, and tracks that could are missing.
+                    price = np.where(np.isfinite(worst), price, np.inf)
+                cost += config.edge_weight * price
         across = evidence.perpendicular[surface] & np.isfinite(planes[:, 0])
         sine = hypotheses[:, :3] @ planes[across, :3].T
         price = np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)

@@ -41,7 +41,9 @@ class Plane:
 
     @property
     def sigma_normal_deg(self) -> float:
-        """σ of the normal's direction, degrees: the larger of its two principal axes."""
+        """σ of the normal's direction, degrees: the larger of its two principal axes; NaN when nothing is known."""
+        if not np.isfinite(self.covariance).all():
+            return np.nan
         return float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])))
 
     def sigma_depth(self, point_world: FloatArray, ray_world: FloatArray) -> float:

@@ -26,6 +26,9 @@ class Rays:
     sigma_rho: FloatArray
     """(N,) its σ for independent observations; large at low parallax."""
 
+    parallax_sigmas: FloatArray
+    """(N,) how many σ the observations are from those of a point at infinity: below 3 the track knows no depth."""
+
     def points_world(self) -> FloatArray:
         """(N, 3) the triangulated points."""
         return self.center + self.ray / self.rho[:, None]
@@ -51,16 +54,28 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Ra
         ray[sampled] = camera.rays_world(key_px[sampled])
 
     far, slope = _projection(scene, tracks, center, ray)
-    rho = _best_on_grid(tracks, far, slope, config.cauchy * tracks.sigma_px[tracks.track], first, depth_range)
     sigma_px = tracks.sigma_px[tracks.track]
+    scale_px = config.cauchy * sigma_px
+    rho = _best_on_grid(tracks, far, slope, scale_px, first, depth_range)
     for _ in range(10):
         residual, jacobian = _reprojection(tracks, far, slope, rho[tracks.track])
-        weight = 1.0 / (1.0 + np.sum(residual**2, axis=1) / (config.cauchy * sigma_px) ** 2)
+        weight = 1.0 / (1.0 + np.sum(residual**2, axis=1) / scale_px**2)
         gradient = np.add.reduceat(weight * np.sum(residual * jacobian, axis=1), first)
         curvature = np.add.reduceat(weight * np.sum(jacobian**2, axis=1), first)
         step = gradient / np.maximum(curvature, 1e-12)
         rho = np.clip(rho - step, 1.0 / depth_range[1], 1.0 / depth_range[0])
-    return Rays(center, ray, key_px, rho, tracks.sigma_px / np.sqrt(np.maximum(curvature, 1e-12)))
+    gain = _cost(tracks, far, slope, np.zeros(len(rho)), scale_px, first) - _cost(
+        tracks, far, slope, rho, scale_px, first
+    )
+    return Rays(
+        center=center,
+        ray=ray,
+        key_px=key_px,
+        rho=rho,
+        sigma_rho=tracks.sigma_px / np.sqrt(np.maximum(curvature, 1e-12)),
+        # Near zero the loss is r² / scale², so this is the root of a difference of χ².
+        parallax_sigmas=config.cauchy * np.sqrt(np.maximum(gain, 0.0)),
+    )
 
 
 def camera_path(scene: Scene) -> float:
@@ -98,19 +113,27 @@ def _reprojection(tracks: Tracks, far: FloatArray, slope: FloatArray, rho: Float
     return projected - tracks.points_px, (slope[:, :2] - projected * slope[:, 2:]) / depth
 
 
+def _cost(
+    tracks: Tracks, far: FloatArray, slope: FloatArray, rho: FloatArray, scale_px: FloatArray, first: IntArray
+) -> FloatArray:
+    """(N,) Cauchy loss of each track at inverse depth ρ, in units of its scale squared: Σ log(1 + r² / scale²)."""
+    residual, _ = _reprojection(tracks, far, slope, rho[tracks.track])
+    cost: FloatArray = np.add.reduceat(np.log1p(np.sum(residual**2, axis=1) / scale_px**2), first)
+    return cost
+
+
 def _best_on_grid(
     tracks: Tracks,
     far: FloatArray,
     slope: FloatArray,
-    cauchy_px: FloatArray,
+    scale_px: FloatArray,
     first: IntArray,
     depth_range: tuple[float, float],
 ) -> FloatArray:
     best_cost = np.full(len(tracks), np.inf)
     best = np.full(len(tracks), 1.0 / depth_range[1])
     for candidate in np.geomspace(1.0 / depth_range[1], 1.0 / depth_range[0], 40):
-        residual, _ = _reprojection(tracks, far, slope, np.full(len(tracks.track), candidate))
-        cost = np.add.reduceat(np.log1p(np.sum(residual**2, axis=1) / cauchy_px**2), first)
+        cost = _cost(tracks, far, slope, np.full(len(tracks), candidate), scale_px, first)
         better = cost < best_cost
         best_cost[better], best[better] = cost[better], candidate
     return best

@@ -49,7 +49,7 @@ def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFact
     rng = np.random.default_rng(seed)
     factor = make(rng)
     values = gtsam.Values()
-    for key in factor.keys():
+    for key in factor.keys():  # noqa: SIM118 (a GTSAM factor is no dict)
         if gtsam.Symbol(key).chr() == ord("p"):
             normal = rng.normal(size=3)
             values.insert(key, gtsam.OrientedPlane3(np.append(normal / np.linalg.norm(normal), rng.uniform(1, 3))))
@@ -57,13 +57,13 @@ def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFact
             values.insertPoint3(key, rng.normal(size=3))
     jacobian, _ = factor.linearize(values).jacobian()
     columns = []
-    for key in factor.keys():
+    for key in factor.keys():  # noqa: SIM118 (a GTSAM factor is no dict)
         for axis in range(3):
             step = 1e-6
             errors = []
             for sign in (1, -1):
                 delta = gtsam.VectorValues()
-                for other in factor.keys():
+                for other in factor.keys():  # noqa: SIM118
                     delta.insert(other, sign * step * np.eye(3)[axis] if other == key else np.zeros(3))
                 errors.append(factor.whitenedError(values.retract(delta)))
             columns.append((errors[0] - errors[1]) / (2 * step))
@@ -71,7 +71,7 @@ def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFact
 
 
 def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() -> None:
-    # The planes x = 2 and y = 1 meet in the line (2, 1, z); a camera at the origin looking along z sees it as an image line.
+    # The planes x = 2 and y = 1 meet in the line (2, 1, z); a camera at the origin looking along z sees it as a line.
     values = gtsam.Values()
     values.insert(P(0), gtsam.OrientedPlane3(np.array([-1.0, 0, 0, 2])))
     values.insert(P(1), gtsam.OrientedPlane3(np.array([0, -1.0, 0, 1])))
