@@ -15,6 +15,7 @@ from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
+_GRID_PX = 1e-6
 _BOX = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
@@ -155,7 +156,8 @@ def _consensus(
             other = instance_of.get((k, e))
             if other is None or (k, e) in own or not (planes[other].observable or other == host):
                 continue
-            region = element.amodal.difference(mine)
+            # On a fine grid, and repaired: neighbours drawn with the same corners leave needles that GEOS trips over.
+            region = polygons(shapely.difference(element.amodal, mine, grid_size=_GRID_PX))
             if other != host and not region.is_empty:
                 not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
                     planes[other], camera
