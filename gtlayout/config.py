@@ -93,13 +93,13 @@ class EdgeConfig:
 class InitializationConfig:
     """Stage 4, starting planes: costs by which hypotheses are chosen (σ of tracks is whitened already)."""
 
-    draws: int = 200
+    draws: int = 100
     """Hypotheses from random tracks."""
-    draws_per_edge: int = 20
+    draws_per_edge: int = 10
     """Hypotheses from each contact edge with a random track."""
     sweeps: int = 3
     """How often every element is chosen again in the light of the others."""
-    max_tracks: int = 200
+    max_tracks: int = 100
     """Tracks of an element that take part."""
     track_cutoff: float = 3.0
     """A track off by more σ than this is an outlier."""
@@ -126,6 +126,8 @@ class EstimationConfig:
     """Stage 4: noise model. Lengths are metres, or 1/2.5 of the median depth when the scene is not metric."""
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
+    starts: int = 4
+    """Searches for starting planes of which the cheapest is kept."""
     depth_range: tuple[float, float] = (0.15, 30.0)
     """Depths at which an element may be seen."""
     relative_depth_sigma: float = 0.02
@@ -180,7 +182,7 @@ class EstimationConfig:
     """Re-weighting ends when no coefficient of a plane moves by more."""
     min_moved_share: float = 0.2
     """Share of tracks that must show parallax; below it the camera does not move."""
-    unobservable_depth: float = 2.0
+    unobservable_depth: float = 5.0
     """A plane whose σ of depth is more than this share of the depth is called unobservable."""
 
 

@@ -15,9 +15,9 @@ from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.graph import Solution, solve
-from gtlayout.initialization import initial_planes
 from gtlayout.layout import Instance, Plane
 from gtlayout.scene import FloatArray, IntArray, Scene
+from gtlayout.starts import best_start
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
 
@@ -76,7 +76,7 @@ def estimate(
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     local = Normalisation.of(rays, scene.metric)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
-    start = initial_planes(evidence, config.depth_range, config.initialization, seed)
+    start = best_start(evidence, config, seed)
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution = solve(cameras, tracks, evidence, start, config)
 

@@ -12,9 +12,10 @@ import numpy as np
 from gtsam.symbol_shorthand import L, P
 
 from gtlayout.config import EstimationConfig
-from gtlayout.evidence import TYPICAL_DEPTH, Evidence
-from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
+from gtlayout.evidence import Evidence
+from gtlayout.factors import track_factor
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
+from gtlayout.structure import plane_priors, structure_factors
 from gtlayout.tracking import Tracks
 
 _BATCH = 32
@@ -52,7 +53,7 @@ def solve(
     one robust kernel on a factor cannot do that, because a track is many factors.
     """
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
-    right_angles = _right_angles(evidence, start, config)
+    structure = structure_factors(evidence, start, config)
     observed = _spread_observations(tracks, config.max_observations)
     planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
     costs: list[float] = []
@@ -62,9 +63,10 @@ def solve(
         used = weight > _NEGLIGIBLE
         values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0])
         seen = observed & used[tracks.track]
-        graph = _build(cameras, tracks, evidence, values, surfaces, right_angles, seen, weight, config)
+        graph = _track_factors(cameras, tracks, evidence, values, surfaces, seen, weight, config)
+        graph.push_back(structure)
         anchored = gtsam.NonlinearFactorGraph(graph)
-        anchored.push_back(_priors(evidence, start, surfaces, config.sigma_start_depths, config))
+        anchored.push_back(plane_priors(evidence, start, config.sigma_start_depths, config))
         values = _optimise(anchored, values, surfaces, start, config, costs, history)
         before, planes = planes, history[-1].copy()
         landmarks[:] = np.nan
@@ -73,7 +75,7 @@ def solve(
         if np.abs(planes - before)[surfaces].max() < config.settled:
             break
     # The start is no measurement: what only it determines must not look certain.
-    graph.push_back(_priors(evidence, planes, surfaces, config.sigma_prior_depths, config))
+    graph.push_back(plane_priors(evidence, planes, config.sigma_prior_depths, config))
     marginals = gtsam.Marginals(graph, values)
     covariances = np.full((len(start), 4, 4), np.nan)
     for s in surfaces:
@@ -82,18 +84,6 @@ def solve(
         tangent[3, 2] = 1.0
         covariances[s] = tangent @ marginals.marginalCovariance(P(int(s))) @ tangent.T
     return Solution(planes, covariances, landmarks, robust, tuple(costs), tuple(history))
-
-
-def _right_angles(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> IntArray:
-    """(R, 2) surfaces to hold at right angles: walls to floor and ceiling (paper 3.3), and walls that nearly are
-    already.
-
-    The paper has no such term between walls; a weak one steadies those that little else holds, and odd angles escape
-    it.
-    """
-    sine = np.abs(planes[:, :3] @ planes[:, :3].T)
-    walls = np.outer(evidence.wall, evidence.wall) & (sine < config.right_angle_reach)
-    return np.argwhere(np.triu(np.isfinite(sine) & (evidence.perpendicular | walls)))
 
 
 def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
@@ -121,13 +111,12 @@ def _spread_observations(tracks: Tracks, most: int) -> BoolArray:
     return chosen | (position == 0)
 
 
-def _build(
+def _track_factors(
     cameras: Sequence[Camera],
     tracks: Tracks,
     evidence: Evidence,
     values: gtsam.Values,
     surfaces: IntArray,
-    right_angles: IntArray,
     observed: BoolArray,
     weight: FloatArray,
     config: EstimationConfig,
@@ -152,42 +141,6 @@ def _build(
             if len(batch):
                 keys = [L(int(n)) for n in batch]
                 graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
-    edge_noise = noise.Robust.Create(
-        noise.mEstimator.Cauchy.Create(config.edge_cauchy),
-        noise.Diagonal.Sigmas(np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])),
-    )
-    in_graph = set(surfaces.tolist())
-    for group in evidence.edges:
-        if in_graph.issuperset(group.surfaces):
-            a, b = group.surfaces
-            camera = group.camera
-            projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
-            graph.add(edge_factor((P(a), P(b)), group.representatives_px(), projection, edge_noise))
-    right_angle = noise.Isotropic.Sigma(1, config.sigma_perpendicularity)
-    in_wall = noise.Robust.Create(
-        noise.mEstimator.Cauchy.Create(config.coplanarity_cauchy),
-        noise.Diagonal.Sigmas(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess])),
-    )
-    for a in surfaces:
-        if (b := int(evidence.host[a])) >= 0:
-            points, _ = evidence.views[a].seen_on(values.atOrientedPlane3(P(b)).planeCoefficients())
-            if len(points):
-                graph.add(coplanarity_factor((P(int(a)), P(b)), np.median(points, axis=0), in_wall))
-    for a, b in right_angles:
-        graph.add(perpendicularity_factor((P(int(a)), P(int(b))), right_angle))
-    return graph
-
-
-def _priors(
-    evidence: Evidence, planes: FloatArray, surfaces: IntArray, sigma_depths: float, config: EstimationConfig
-) -> gtsam.NonlinearFactorGraph:
-    """A prior on every plane that only matters where nothing else does: σ of d is so many depths of the surface."""
-    graph = gtsam.NonlinearFactorGraph()
-    for s in surfaces:
-        _, depth = evidence.views[s].seen_on(planes[s])
-        sigma_d = sigma_depths * (float(np.median(depth)) if len(depth) else TYPICAL_DEPTH)
-        sigmas = np.array([config.sigma_prior_normal, config.sigma_prior_normal, sigma_d])
-        graph.add(plane_prior_factor(P(int(s)), planes[s], gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
     return graph
 
 

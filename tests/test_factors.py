@@ -10,7 +10,14 @@ import numpy.typing as npt
 import pytest
 from gtsam.symbol_shorthand import L, P
 
-from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor, track_factor
+from gtlayout.factors import (
+    coplanarity_factor,
+    depth_factor,
+    edge_factor,
+    perpendicularity_factor,
+    plane_prior_factor,
+    track_factor,
+)
 from gtlayout.factors.batching import custom_factor
 
 Rng = np.random.Generator
@@ -37,13 +44,21 @@ def make_coplanarity(rng: Rng) -> gtsam.NoiseModelFactor:
     return coplanarity_factor((P(0), P(1)), rng.normal(size=3), gtsam.noiseModel.Unit.Create(4))
 
 
+def make_depth(rng: Rng) -> gtsam.NoiseModelFactor:
+    rays = np.column_stack([rng.uniform(-0.5, 0.5, (5, 2)), np.ones(5)])
+    noise = gtsam.noiseModel.Diagonal.Sigmas(rng.uniform(0.01, 0.1, 5))
+    return depth_factor(P(0), rng.uniform(-0.3, 0.3, (5, 3)), rays, rng.uniform(0.2, 1, 5), noise)
+
+
 def make_prior(rng: Rng) -> gtsam.NoiseModelFactor:
     normal = rng.normal(size=3)
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, 100.0]))
     return plane_prior_factor(P(0), np.append(normal / np.linalg.norm(normal), 2.0), noise)
 
 
-@pytest.mark.parametrize("make", [make_track, make_edge, make_perpendicularity, make_coplanarity, make_prior])
+@pytest.mark.parametrize(
+    "make", [make_track, make_edge, make_perpendicularity, make_coplanarity, make_depth, make_prior]
+)
 @pytest.mark.parametrize("seed", range(5))
 def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFactor], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -119,6 +134,14 @@ def test_coplanarity_is_the_angle_and_the_distance_at_the_point() -> None:
     error = factor.whitenedError(values)
     np.testing.assert_allclose(np.linalg.norm(error[:3]), np.sin(0.1))
     np.testing.assert_allclose(error[3], -0.1 - (2.0 * np.cos(0.1) - 2.0))
+
+
+def test_depth_is_zero_on_the_plane_and_an_inverse_length_off_it() -> None:
+    values = gtsam.Values()
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, -1.0, 4.0])))
+    centers, rays = np.array([[0, 0, 0], [1, 2, 2.0]]), np.array([[0.3, -0.2, 1], [-0.1, 0.4, 1.0]])
+    factor = depth_factor(P(0), centers, rays, np.array([1 / 4, 1 / 1.6]), gtsam.noiseModel.Unit.Create(2))
+    np.testing.assert_allclose(factor.whitenedError(values), [0, 1 / 1.6 - 1 / 2], atol=1e-12)
 
 
 def test_marginal_of_a_plane_fitted_to_known_points_is_least_squares() -> None:
