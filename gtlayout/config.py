@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gtlayout.errors import GtlayoutError
+
 
 @dataclass(frozen=True)
 class TrackingConfig:
@@ -162,16 +164,16 @@ class EstimationConfig:
     """How far the solve may move d from its start where little else determines it, in depths of the element."""
     sigma_prior_depths: float = 10.0
     """Prior on d in the marginals, in depths: keeps an undetermined plane solvable; its σ then says so."""
+    sigma_prior_normal: float = 1.0
+    """Prior on the normal, radians."""
+    sigma_prior_point: float = 10.0
+    """Prior on a landmark round its start."""
     sigma_coplanarity_angle: float = 0.03
     """Angle between a door or window and its wall, radians."""
     sigma_recess: float = 0.03
     """How far a door or window sits back in its wall."""
     coplanarity_cauchy: float = 2.0
     """Robust scale of both, in σ."""
-    sigma_prior_point: float = 10.0
-    """The same for a landmark."""
-    sigma_prior_normal: float = 1.0
-    """The same for the normal, radians."""
     rounds: int = 4
     """Re-weightings of whole tracks."""
     max_iterations: int = 15
@@ -236,6 +238,5 @@ class Config:
     """Random share of the tracks that each solve after the first works with."""
 
     def __post_init__(self) -> None:
-        if self.restarts < 1:
-            msg = f"restarts is {self.restarts}, it must be at least 1"
-            raise ValueError(msg)
+        if self.restarts < 1 or self.seed < 0:
+            raise GtlayoutError(f"restarts must be at least 1 and seed at least 0, not {self.restarts} and {self.seed}")

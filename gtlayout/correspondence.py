@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
-from shapely import MultiPolygon, contains_xy, get_coordinates
+from shapely import contains_xy
 
 from gtlayout.config import CorrespondenceConfig
 from gtlayout.hosts import find_hosts
 from gtlayout.layout import Instance
+from gtlayout.raster import spread_points
 from gtlayout.scene import OPENINGS, FloatArray, IntArray, Label, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
@@ -109,7 +109,7 @@ def _carried_votes(
         tree, rho = cKDTree(rays.key_px[here]), rays.rho[here]
         camera = scene.frame_of(k).camera
         for e, element in enumerate(key_frame.elements):
-            points_px = _spread_points(element.amodal, config.carried_points)
+            points_px = spread_points(element.amodal, config.carried_points)
             _, neighbours = tree.query(points_px, k=config.depth_neighbours)
             depth = 1.0 / np.median(rho[neighbours], axis=1)
             points_world = camera.center_world + depth[:, None] * camera.rays_world(points_px)
@@ -122,30 +122,23 @@ def _carried_votes(
     return votes
 
 
-def _spread_points(region: MultiPolygon, count: int) -> FloatArray:
-    """About ``count`` points of a regular grid inside a region, at least one."""
-    left, top, right, bottom = region.bounds
-    step = np.sqrt(region.area / count)
-    x, y = np.meshgrid(np.arange(left + step / 2, right, step), np.arange(top + step / 2, bottom, step))
-    inside = contains_xy(region, x, y)
-    if not inside.any():
-        return get_coordinates(region.representative_point())
-    return np.column_stack([x[inside], y[inside]])
-
-
 def _join_across_gaps(group: IntArray, key_frame_of: IntArray, votes: FloatArray, min_votes: float) -> IntArray:
     """Merge chains that vote for each other and share no key frame, best supported first."""
-    group = group.copy()
+    names, group = np.unique(group, return_inverse=True)
+    chain = np.eye(len(names), dtype=bool)[group]
+    support = chain.T @ votes @ chain
+    shown = np.zeros((len(names), key_frame_of.max() + 1), dtype=bool)
+    shown[group, key_frame_of] = True
     while True:
-        members = {g: np.nonzero(group == g)[0] for g in np.unique(group)}
-        best, pair = min_votes, None
-        for a, b in combinations(members, 2):
-            support = votes[np.ix_(members[a], members[b])].sum()
-            if support > best and not np.intersect1d(key_frame_of[members[a]], key_frame_of[members[b]]).size:
-                best, pair = support, (a, b)
-        if pair is None:
+        possible = np.triu(support, k=1) * ~(shown @ shown.T)
+        a, b = np.unravel_index(np.argmax(possible), possible.shape)
+        if possible[a, b] < min_votes:
             return group
-        group[group == pair[1]] = pair[0]
+        group[group == b] = a
+        support[a] += support[b]
+        support[:, a] += support[:, b]
+        support[b] = support[:, b] = 0.0
+        shown[a] |= shown[b]
 
 
 def _instances(

@@ -15,6 +15,9 @@ from gtlayout.config import EdgeConfig
 from gtlayout.layout import Instance
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
+_MOST_CANDIDATES = 64
+"""Points of an edge whose pairs are tried as its line: all pairs of a long edge would be too many."""
+
 
 @dataclass(frozen=True)
 class ContactEdge:
@@ -23,7 +26,7 @@ class ContactEdge:
     key_frame: int
     instances: tuple[int, int]
     points_px: FloatArray
-    """(N, 2) samples along it."""
+    """(N, 2) samples in order along it; a part that is hidden leaves a gap."""
 
 
 def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfig) -> tuple[ContactEdge, ...]:
@@ -59,8 +62,7 @@ def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: Edg
     boundary_a, boundary_b = a.amodal.boundary, b.amodal.boundary
     if shapely.distance(boundary_a, boundary_b) > config.max_gap_px:
         return np.empty((0, 2))
-    # Flat ends: a boundary that only comes close at its end does not run along the other one.
-    near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px, cap_style="flat")).difference(excluded)
+    near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px)).difference(excluded)
     # Where boundaries only cross, the intersection holds single points too.
     lines = [part for part in shapely.get_parts(near) if part.geom_type == "LineString" and part.length > 0]
     pieces = shapely.get_parts(shapely.line_merge(MultiLineString(lines)))
@@ -79,18 +81,19 @@ def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: Edg
 
 
 def _on_one_line(points_px: FloatArray, tolerance_px: float) -> FloatArray:
-    """The points near the line that most of them share: two planes meet in one line, and only there.
+    """The points near the line that most of them share, in order along it: two planes meet in one line, and only there.
 
     What runs elsewhere (the side of a cabinet in front of the floor) is an occlusion edge nobody drew.
     """
     if len(points_px) < 3:
         return points_px
-    first, second = np.triu_indices(len(points_px), k=1)
-    along = points_px[second] - points_px[first]
+    candidates = points_px[:: -(-len(points_px) // _MOST_CANDIDATES)]
+    first, second = np.triu_indices(len(candidates), k=1)
+    along = candidates[second] - candidates[first]
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-    offset = np.sum(normal * points_px[first], axis=1)
+    offset = np.sum(normal * candidates[first], axis=1)
     distance = np.abs(points_px @ normal.T - offset)
     # Truncated absolute distance: the count decides, closeness breaks its ties.
     best = np.argmin(np.minimum(distance, tolerance_px).sum(axis=0))
     kept: FloatArray = points_px[distance[:, best] < tolerance_px]
-    return kept
+    return kept[np.argsort(kept @ along[best], kind="stable")]

@@ -77,6 +77,8 @@ def estimate(
     local = Normalisation.of(rays, scene.metric)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
     start = best_start(evidence, config, seed)
+    if not np.isfinite(start).any():
+        raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution = solve(cameras, tracks, evidence, start, config)
 

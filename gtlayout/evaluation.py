@@ -126,7 +126,7 @@ def _depth_error(scene: Scene, layout: Layout) -> DepthError | None:
         frame = scene.frame_of(k)
         if frame.depth_path is None:
             continue
-        measured = read_depth(frame).astype(np.float64)
+        measured = read_depth(frame)
         _, rendered = render(layout.planes, layout.extents, layout.instances, frame.camera)
         instance_of = {e: i for i, instance in enumerate(layout.instances) for j, e in instance.members if j == k}
         for e, element in enumerate(key_frame.elements):

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from shapely import MultiPolygon, get_coordinates
 
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.layout import Instance
+from gtlayout.raster import spread_points
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
 
+_VIEW_POINTS = 12
+"""Pixels sampled on each drawing of a surface."""
 _MIN_DIHEDRAL = 0.2
 """Planes at less than this angle (radians) make no edge that an annotator would draw."""
 TYPICAL_DEPTH = 2.5
@@ -213,12 +215,16 @@ def _trust(
     Points on mirror-like surfaces triangulate well, and wrong: but few of them survive. So a surface is trusted by the
     share of its points that did.
     """
-    count = len(instances)
-    tried = np.zeros(count)
+    survived = [
+        np.bincount(tracks.element[tracks.key_frame == k], minlength=len(tried)) for k, tried in enumerate(tracks.tried)
+    ]
+    tried, kept = np.zeros(len(instances)), np.zeros(len(instances))
     for i, instance in enumerate(instances):
-        for k, element in instance.members:
-            tried[i] += tracks.tried[k][element]
-    kept = np.bincount(track_surface[track_surface >= 0], minlength=count)
+        # As in ``_prefer_visible``: elements without visible parts only where there are no others.
+        seen = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
+        for k, e in seen or instance.members:
+            tried[i] += tracks.tried[k][e]
+            kept[i] += survived[k][e]
     acceptance = np.minimum(kept / np.maximum(tried, 1) / config.full_acceptance, 1.0)
     plenty = np.minimum(kept / config.full_tracks, 1.0)
     observations = np.bincount(tracks.track, minlength=len(tracks))
@@ -239,18 +245,11 @@ def _edge_groups(edges: Sequence[ContactEdge], host: IntArray, key_cameras: Sequ
 
 
 def _views(scene: Scene, instance: Instance, key_cameras: Sequence[Camera]) -> Views:
-    """A few pixels well inside every polygon of an instance."""
+    """A few pixels spread over every drawing of an instance."""
     centers, rays = [np.empty((0, 3))], [np.empty((0, 3))]
     for k, element in instance.members:
         drawn = scene.key_frames[k].elements[element]
-        points_px = _inner_points(drawn.amodal if drawn.visible.is_empty else drawn.visible)
+        points_px = spread_points(drawn.amodal if drawn.visible.is_empty else drawn.visible, _VIEW_POINTS)
         rays.append(key_cameras[k].rays_world(points_px))
         centers.append(np.broadcast_to(key_cameras[k].center_world, (len(points_px), 3)))
     return Views(np.concatenate(centers), np.concatenate(rays))
-
-
-def _inner_points(region: MultiPolygon) -> FloatArray:
-    parts = [get_coordinates(polygon.exterior)[:-1] for polygon in region.geoms]
-    return np.concatenate(
-        [np.empty((0, 2)), *(p.mean(axis=0) + s * (p - p.mean(axis=0)) for p in parts for s in (0.5, 0.9))]
-    )

@@ -16,6 +16,10 @@ from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
 _GRID_PX = 1e-6
+_GAP_STEPS = 4.0
+"""Samples of a contact edge further apart than so many usual steps have something hidden between them."""
+_CONTACT_PX = 0.1
+"""A contact edge's line is kept to this."""
 _BOX = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
@@ -220,7 +224,7 @@ def _unproject_edges(
         for first, second in (edge.instances, edge.instances[::-1]):
             plane, host_of_second = planes[first], instances[second].host
             other = second if host_of_second is None else host_of_second
-            drawn = shapely.linestrings(edge.points_px) if len(edge.points_px) > 1 else Polygon()
+            drawn = _runs(edge.points_px)
             clipped = clip_to_plane(drawn, plane, camera, max_depth, config.min_horizon_px)
             if clipped.is_empty or not (plane.observable and planes[other].observable):
                 continue
@@ -229,6 +233,17 @@ def _unproject_edges(
                 if mine is not None and mine != other:
                     lines.setdefault((mine, other), []).append(line)
     return {pair: shapely.union_all(lines[pair]) for pair in sorted(lines)}
+
+
+def _runs(points_px: FloatArray) -> BaseGeometry:
+    """A contact edge as lines, broken where samples are missing, without corners that are only the hand's."""
+    steps = np.linalg.norm(np.diff(points_px, axis=0), axis=1)
+    if len(steps) == 0:
+        return Polygon()
+    runs = [
+        run for run in np.split(points_px, np.nonzero(steps > _GAP_STEPS * np.median(steps))[0] + 1) if len(run) > 1
+    ]
+    return shapely.simplify(shapely.multilinestrings([shapely.linestrings(run) for run in runs]), _CONTACT_PX)
 
 
 def _refine(

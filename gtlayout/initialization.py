@@ -52,8 +52,12 @@ class _Search:
                     planes[surface] = self._choose(int(surface), tracks[surface], planes)
             if np.array_equal(before, planes, equal_nan=True):
                 break
-        hosted = evidence.host >= 0
-        planes[hosted] = planes[evidence.host[hosted]]
+        for surface, host in enumerate(evidence.host):
+            if host >= 0:
+                if np.isnan(planes[host, 0]):
+                    # A wall of which only the door is known stands where the door does.
+                    planes[host] = self._choose(surface, tracks[surface], planes)
+                planes[surface] = planes[host]
         return planes
 
     def _take_part(self, surface: int) -> IntArray:

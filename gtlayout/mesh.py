@@ -46,7 +46,7 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
             triangles.append(extent.frame.to_world(part))
             owners.append(i)
     soup = np.concatenate(triangles) if triangles else np.empty((0, 3))
-    vertices, index = _weld(soup, reach)
+    vertices, index = _weld(soup, np.repeat(owners, 3), reach)
     faces = index.reshape(-1, 3)
     # Welding can close a sliver.
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -89,11 +89,18 @@ def _triangulate(region: BaseGeometry) -> list[FloatArray]:
     return triangles
 
 
-def _weld(points: FloatArray, reach: float) -> tuple[FloatArray, IntArray]:
-    """Vertices, each the mean of points within ``reach`` of each other, and the vertex of every point."""
+def _weld(points: FloatArray, owner: IntArray, reach: float) -> tuple[FloatArray, IntArray]:
+    """Vertices, and the vertex of every point.
+
+    Points of different elements within ``reach`` become one, at their mean; those of one element only where they
+    coincide, or a finely drawn outline would shrink to a point.
+    """
     if len(points) == 0:
         return points, np.empty(0, dtype=np.int64)
     pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    first, second = pairs.T
+    same = np.linalg.norm(points[first] - points[second], axis=1) < 1e-6 * reach
+    pairs = pairs[same | (owner[first] != owner[second])]
     links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     count, vertex = connected_components(links, directed=False)
     sums = np.column_stack([np.bincount(vertex, weights=axis, minlength=count) for axis in points.T])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
 from gtlayout.edges import ContactEdge, contact_edges
+from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
 from gtlayout.extent import compute_extents
 from gtlayout.layout import Layout
@@ -100,7 +101,11 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         layout = Layout(instances, solved.planes, extents, mesh, scene.metric)
         return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s)
 
-    best = max(map(run, range(config.restarts)), key=lambda solution: solution.quality.iou)
+    best = run(0)
+    for restart in range(1, config.restarts):
+        # A random share of the tracks may be too few; the solve from all of them stands.
+        with suppress(GtlayoutError):
+            best = max(best, run(restart), key=lambda solution: solution.quality.iou)
 
     observer.estimate(best.estimate)
     observer.extents(best.layout.extents)

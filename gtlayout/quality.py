@@ -10,9 +10,9 @@ import numpy as np
 
 from gtlayout.config import QualityConfig
 from gtlayout.layout import Extent, Instance, Plane
-from gtlayout.raster import annotated_labels
+from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth, render
-from gtlayout.scene import BoolArray, Scene
+from gtlayout.scene import IntArray, Scene
 
 Verdict = Literal["ok", "weak", "unobservable"]
 
@@ -77,12 +77,12 @@ def assess(
     elements = []
     for k in range(len(scene.key_frames)):
         rendered, _ = render(planes, extents, instances, scene.frame_of(k).camera)
-        annotated = annotated_labels(scene, instances, k)
+        overlap = _overlap(rendered, annotated_labels(scene, instances, k), len(instances))
         for i, instance in enumerate(instances):
             own = [i, *(j for j, other in enumerate(instances) if other.host == i)]
             for frame, element in instance.members:
                 if frame == k:
-                    elements.append(ElementIoU(k, element, i, _iou(np.isin(rendered, own), np.isin(annotated, own))))
+                    elements.append(ElementIoU(k, element, i, _iou(overlap, own)))
     hosted = [instance.host is not None for instance in instances]
     frames = [
         [e.iou for e in elements if e.key_frame == k and not hosted[e.instance]] for k in range(len(scene.key_frames))
@@ -105,9 +105,18 @@ def assess(
     )
 
 
-def _iou(a: BoolArray, b: BoolArray) -> float:
-    union = np.count_nonzero(a | b)
-    return np.count_nonzero(a & b) / union if union else 0.0
+def _overlap(rendered: LabelImage, annotated: LabelImage, count: int) -> IntArray:
+    """(count + 1, count + 1) pixels by rendered and annotated instance; the last row and column are "nothing"."""
+    size = count + 1
+    pairs = (rendered.astype(np.int64) % size) * size + annotated % size
+    return np.bincount(pairs.ravel(), minlength=size * size).reshape(size, size)
+
+
+def _iou(overlap: IntArray, own: Sequence[int]) -> float:
+    """IoU of a set of instances, taken as one."""
+    both = overlap[np.ix_(own, own)].sum()
+    union = overlap[own].sum() + overlap[:, own].sum() - both
+    return float(both / union) if union else 0.0
 
 
 def _judge(

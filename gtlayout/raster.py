@@ -1,4 +1,4 @@
-"""Polygons to pixel masks and label images.
+"""Polygons to pixel masks, sample points and label images.
 
 A pixel belongs to a polygon when its centre lies inside: areas come out unbiased, which a silhouette measure needs
 (drawing routines such as ``cv2.fillPoly`` also paint the outline and grow every polygon by about half a pixel).
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from shapely import MultiPolygon
+from shapely import MultiPolygon, contains_xy, get_coordinates
 
 from gtlayout.layout import Instance
 from gtlayout.scene import OPENINGS, BoolArray, FloatArray, Scene
@@ -42,6 +42,18 @@ def fill(rings: Sequence[FloatArray], height: int, width: int) -> BoolArray:
     flips = np.bincount(row * (width + 1) + column, minlength=height * (width + 1)).reshape(height, width + 1)
     crossings: npt.NDArray[np.uint8] = np.cumsum(flips[:, :width].astype(np.uint8), axis=1, dtype=np.uint8)
     return (crossings & 1).astype(bool)
+
+
+def spread_points(region: MultiPolygon, count: int) -> FloatArray:
+    """(N, 2) about ``count`` points of a regular grid inside a region (any unit), at least one."""
+    left, top, right, bottom = region.bounds
+    # Small pieces far apart would ask for a vast grid: so many lines each way are enough.
+    step = max(np.sqrt(region.area / count), max(right - left, bottom - top) / (10 * count))
+    x, y = np.meshgrid(np.arange(left + step / 2, right, step), np.arange(top + step / 2, bottom, step))
+    inside = contains_xy(region, x, y)
+    if not inside.any():
+        return get_coordinates(region.representative_point())
+    return np.column_stack([x[inside], y[inside]])
 
 
 def annotated_labels(scene: Scene, instances: Sequence[Instance], k: int) -> LabelImage:

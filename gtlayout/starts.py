@@ -22,17 +22,15 @@ from gtlayout.structure import plane_priors, structure_factors
 
 def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> FloatArray:
     """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for a surface that nothing places."""
-    best, best_rank = np.empty(0), (np.inf, np.inf)
+    ranked = []
     for number in range(config.starts):
         search = config.initialization
         if number % 2:
             # Mirror images outvote edges when there are many of them: half of the searches trust tracks less.
             search = replace(search, max_track_weight=search.max_track_weight / 4)
         planes, cost = _polish(evidence, initial_planes(evidence, config.depth_range, search, seed + number), config)
-        rank = (float(np.count_nonzero(np.isnan(planes[:, 0]))), cost)
-        if rank < best_rank:
-            best, best_rank = planes, rank
-    return best
+        ranked.append((int(np.count_nonzero(np.isnan(planes[:, 0]))), cost, number, planes))
+    return min(ranked, key=lambda candidate: candidate[:3])[3]
 
 
 def _polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> tuple[FloatArray, float]:

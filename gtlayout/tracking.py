@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Protocol
 
 import cv2
@@ -19,6 +18,9 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import read_gray
 from gtlayout.raster import fill, rings_of
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, ImageArray, IntArray, Scene
+
+_REMAP_ROWS = 1 << 14
+"""Rows of one look-up: OpenCV's images have fewer than 2^15."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,7 @@ def track(
         progress(k, len(scene.key_frames))
         image = images(key_frame.frame)
         if image is None:
-            name = scene.frames[key_frame.frame].name
-            raise GtlayoutError(f"{name}: the annotated image cannot be read; replace it or remove its annotation")
+            raise GtlayoutError(f"{images.errors[key_frame.frame]}; it is annotated: mend it or remove its annotation")
         per_element = [sample_points(image, element, config, sampler) for element in key_frame.elements]
         tried.append(np.array([len(p) for p in per_element], dtype=np.int64))
         start = np.concatenate(per_element) if per_element else np.empty((0, 2))
@@ -133,7 +134,7 @@ def track(
         points_px=np.concatenate(points)[order],
         sigma_px=np.concatenate(sigmas),
         tried=tuple(tried),
-        unreadable=images.unreadable,
+        unreadable=tuple(scene.frames[frame].name for frame in sorted(images.errors)),
     )
 
 
@@ -165,7 +166,7 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     left, top, right, bottom = region.bounds
     sampler.reset()
     # Sobol points fill the bounding box; those inside the region are its even cover.
-    total = max(1, round(wanted * (right - left) * (bottom - top) / region.area))
+    total = min(max(1, round(wanted * (right - left) * (bottom - top) / region.area)), 1 << 16)
     unit = sampler.random(1 << (total - 1).bit_length())[:total]
     seeds = np.array([left, top]) + unit * np.array([right - left, bottom - top])
     inside = mask[np.clip(seeds[:, 1].astype(int), 0, height - 1), np.clip(seeds[:, 0].astype(int), 0, width - 1)]
@@ -241,15 +242,15 @@ class _InverseDepth:
     def __init__(self, key_camera: Camera, points_px: FloatArray) -> None:
         self._center = key_camera.center_world
         self._rays = key_camera.rays_world(points_px)
-        # Starts at infinity, held there by a squared pixel: noise on hardly any parallax predicts nothing.
+        # A point counts as infinitely far until it has moved by a pixel: noise without parallax predicts nothing.
         self._numerator = np.zeros(len(points_px))
         self._denominator = np.zeros(len(points_px))
-        self._scale = np.zeros(len(points_px))
+        self._moved_px = np.zeros(len(points_px))
 
     def project(self, index: IntArray, camera: Camera) -> FloatArray:
         """(N, 2) pixels at which the points are expected."""
         rho = self._numerator[index] / np.maximum(self._denominator[index], 1e-12)
-        rho = np.where(self._scale[index] > 1.0, rho, 0.0)
+        rho = np.where(self._moved_px[index] > 1.0, rho, 0.0)
         homogeneous = self._homogeneous(index, camera, rho)
         return homogeneous[:, :2] / homogeneous[:, 2:]
 
@@ -257,11 +258,11 @@ class _InverseDepth:
         """Take in where the points were seen."""
         far = self._homogeneous(index, camera, np.zeros(len(index)))
         slope = camera.K @ (camera.R_cam_from_world @ self._center + camera.t_cam_from_world)
-        b = (points_px - far[:, :2] / far[:, 2:]) * 1.0
+        b = points_px - far[:, :2] / far[:, 2:]
         a = (slope[:2] - points_px * slope[2]) / far[:, 2:]
         self._numerator[index] += np.sum(a * b, axis=1)
         self._denominator[index] += np.sum(a * a, axis=1)
-        self._scale[index] = np.maximum(self._scale[index], np.linalg.norm(b, axis=1))
+        self._moved_px[index] = np.maximum(self._moved_px[index], np.linalg.norm(b, axis=1))
 
     def _homogeneous(self, index: IntArray, camera: Camera, rho: FloatArray) -> FloatArray:
         direction = self._rays[index] @ camera.R_cam_from_world.T
@@ -291,8 +292,14 @@ def _correlation(
     def patches(image: ImageArray, points_px: FloatArray) -> FloatArray:
         x = (points_px[:, :1] - 0.5 + dx).astype(np.float32)
         y = (points_px[:, 1:] - 0.5 + dy).astype(np.float32)
-        sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        values = sampled.astype(np.float64) - sampled.mean(axis=1, keepdims=True)
+        parts = [
+            cv2.remap(
+                image, x[k : k + _REMAP_ROWS], y[k : k + _REMAP_ROWS], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+            )
+            for k in range(0, len(x), _REMAP_ROWS)
+        ]
+        sampled = np.concatenate(parts).astype(np.float64)
+        values = sampled - sampled.mean(axis=1, keepdims=True)
         return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-9)
 
     return np.sum(patches(source, source_px) * patches(target, target_px), axis=1)
@@ -348,19 +355,17 @@ class _ImageCache:
 
     def __init__(self, scene: Scene, size: int) -> None:
         self._scene = scene
-        self._unreadable: set[int] = set()
-        self._read = lru_cache(maxsize=size)(self._decode)
+        self._size = size
+        self._images: dict[int, ImageArray | None] = {}
+        self.errors: dict[int, str] = {}
 
     def __call__(self, frame: int) -> ImageArray | None:
-        return self._read(frame)
-
-    def _decode(self, frame: int) -> ImageArray | None:
-        try:
-            return read_gray(self._scene.frames[frame])
-        except GtlayoutError:
-            self._unreadable.add(frame)
-            return None
-
-    @property
-    def unreadable(self) -> tuple[str, ...]:
-        return tuple(self._scene.frames[frame].name for frame in sorted(self._unreadable))
+        if frame not in self._images:
+            if len(self._images) >= self._size:
+                del self._images[next(iter(self._images))]
+            try:
+                self._images[frame] = read_gray(self._scene.frames[frame])
+            except GtlayoutError as error:
+                self._images[frame] = None
+                self.errors[frame] = str(error)
+        return self._images[frame]
