@@ -117,3 +117,24 @@ def test_every_corner_line_of_a_box_room_is_found_and_lies_where_the_planes_meet
         rays = camera.rays_world(points_px)
         depth = -(a[:3] @ camera.center_world + a[3]) / (rays @ a[:3])
         np.testing.assert_allclose((camera.center_world + depth[:, None] * rays) @ b[:3] + b[3], 0, atol=1e-9)
+
+
+def test_points_run_along_the_edge_whatever_hides_its_middle() -> None:
+    hidden = np.array([[100.0, 60], [100.0, 80]])
+    for roll in range(4):
+        corners = np.roll(shapely.get_coordinates(LEFT)[:-1], roll, axis=0)
+        (edge,) = find(Polygon(corners), RIGHT, occlusion=[hidden])
+        along = edge.points_px[:, 1]
+        assert (np.diff(along) >= 0).all() or (np.diff(along) <= 0).all()
+        assert np.ptp(along) > 90
+
+
+def test_a_long_edge_does_not_need_all_pairs_of_its_points() -> None:
+    height = 20000.0
+    camera = Camera(np.eye(3), np.eye(3), np.zeros(3), 200, int(height))
+    sides = [as_multi(shapely.box(20, 20, 100, height - 20)), as_multi(shapely.box(100, 20, 180, height - 20))]
+    elements = tuple(Element(f"e{i}", "wall", side, as_multi(Polygon())) for i, side in enumerate(sides))
+    scene = Scene(Path("/nowhere"), (Frame("0.png", Path("/nowhere"), camera),), (KeyFrame(0, elements),), metric=True)
+    instances = [Instance(f"wall_{i}", "wall", ((0, i),)) for i in range(2)]
+    (edge,) = contact_edges(scene, instances, CONFIG)  # all pairs of 5,000 points would take hundreds of GB
+    assert len(edge.points_px) > 4900

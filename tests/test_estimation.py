@@ -11,6 +11,7 @@ from simulation import (
     Room,
     as_multi,
     box_faces,
+    chosen,
     errors,
     jitter,
     look_at,
@@ -330,3 +331,10 @@ def test_the_seed_only_decides_where_the_search_looks(room: Room) -> None:
     a, b = (solve(room, tracks, seed=seed) for seed in (0, 1))
     for plane, other in zip(a.planes, b.planes, strict=True):
         np.testing.assert_allclose(plane.normal, other.normal, atol=1e-3)
+
+
+def test_two_tracks_alone_place_nothing_and_say_so() -> None:
+    room = make_room(orbit(), KEY_FRAMES)
+    tracks = chosen(make_tracks(room, np.random.default_rng(0)), np.array([0, 1]))
+    with pytest.raises(GtlayoutError, match=r"unobservable: .*floor"):
+        solve(room, tracks, [])

@@ -146,3 +146,12 @@ def test_same_extents_same_mesh() -> None:
     first, second = _mesh(rooms.BOX), _mesh(rooms.BOX)
     np.testing.assert_array_equal(first.vertices, second.vertices)
     np.testing.assert_array_equal(first.faces, second.faces)
+
+
+def test_a_finely_drawn_outline_keeps_its_area() -> None:
+    """A round window of 2,000 corners, each within welding distance of the next."""
+    angle = np.linspace(0, 2 * np.pi, 2000, endpoint=False)
+    outline = Polygon(np.column_stack([2 + np.cos(angle), 1 + 0.5 * np.sin(angle)]))
+    floor = replace(rooms.FLOOR.extent, region=MultiPolygon([outline]))
+    mesh = build_mesh(rooms.instances_of((rooms.FLOOR,), 1), [floor])
+    assert _areas(mesh, 1) == pytest.approx([outline.area], rel=1e-6)
