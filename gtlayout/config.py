@@ -148,6 +148,8 @@ class EstimationConfig:
     """Share of sampled points that survive tracking from which on a surface is trusted fully; glossy ones keep 0.02."""
     full_tracks: float = 20.0
     """Tracks from which on a surface is trusted fully."""
+    max_tracks: int = 400
+    """Tracks of an element that enter the graph: more only cost time, for their weights have a limit together."""
     max_track_weight: float = 200.0
     """Sum of the weights of an element's tracks."""
     sigma_edge_shift_px: float = 1.6

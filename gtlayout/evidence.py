@@ -170,7 +170,7 @@ def gather(
 ) -> Evidence:
     """Collect the evidence on every surface. ``rays`` are local already, ``scene`` is not."""
     key_cameras = [local.camera(scene.frame_of(k).camera) for k in range(len(scene.key_frames))]
-    track_surface = _prefer_visible(scene, tracks, track_instance)
+    track_surface = _thin_out(_prefer_visible(scene, tracks, track_instance), config.max_tracks)
     host = np.array([-1 if instance.host is None else instance.host for instance in instances])
     labels = [instance.label for instance in instances]
     level = np.array([label in ("floor", "ceiling") for label in labels])
@@ -201,6 +201,17 @@ def _prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> In
     )
     with_visible = np.unique(track_surface[drawn])
     return np.where(drawn | ~np.isin(track_surface, with_visible), track_surface, -1)
+
+
+def _thin_out(track_surface: IntArray, most: int) -> IntArray:
+    """At most so many tracks of each surface, evenly over key frames and places; the others do not take part."""
+    thinned = track_surface.copy()
+    for surface in np.unique(track_surface[track_surface >= 0]):
+        index = np.nonzero(track_surface == surface)[0]
+        if len(index) > most:
+            thinned[index] = -1
+            thinned[index[np.linspace(0, len(index) - 1, most).round().astype(int)]] = surface
+    return thinned
 
 
 def _trust(
