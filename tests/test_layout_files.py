@@ -18,6 +18,7 @@ from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import write_all_atomic
 from gtlayout.io.layout_files import LABEL_COLORS, read_layout, write_results
 from gtlayout.layout import Extent, Layout, Plane
 from gtlayout.mesh import build_mesh
@@ -251,3 +252,10 @@ def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> No
     text = markdown(layout, quality)
     assert "|floor_0|floor|20.00 m²|2|17|" in text
     assert "|ceiling_1|ceiling|0.00 m²|2|0|–|–|0.000|unobservable|" in text
+
+
+def test_several_files_are_written_all_or_none(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    with pytest.raises(GtlayoutError, match="folder is in its place"):
+        write_all_atomic({tmp_path / "a": "1", tmp_path / "b": "2"})
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]

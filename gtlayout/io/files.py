@@ -20,27 +20,43 @@ def write_atomic(path: Path, content: bytes | str) -> None:
 
     Raises GtlayoutError when the folder or the disk does not take it; ``path`` is then as it was.
     """
-    data = content.encode() if isinstance(content, str) else content
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    write_all_atomic({path: content})
+
+
+def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
+    """Write several files, in order: all are complete beside their places before the first takes its own.
+
+    Raises GtlayoutError when a folder or the disk does not take one of them; all are then as they were.
+    """
+    temporaries = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
+    path = Path()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(data)
-        temporary.replace(path)
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.is_dir():
+                raise GtlayoutError(f"cannot write {path}: a folder is in its place")
+            temporaries[path].write_bytes(content.encode() if isinstance(content, str) else content)
+        for path, temporary in temporaries.items():
+            temporary.replace(path)
     except OSError as error:
-        with suppress(OSError):
-            temporary.unlink()
         raise GtlayoutError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        for temporary in temporaries.values():
+            with suppress(OSError):
+                temporary.unlink()
 
 
 def write_json_atomic(path: Path, data: Any) -> None:
-    """Write ``data`` as JSON: keys in the order given, floats by repr, NaN and infinity as null, NumPy as lists.
+    """Write ``data`` as ``json_text``. Raises GtlayoutError as ``write_atomic`` does."""
+    write_atomic(path, json_text(data))
 
-    The same data give the same bytes. Raises GtlayoutError as ``write_atomic`` does.
-    """
+
+def json_text(data: Any) -> str:
+    """JSON with keys in the order given, floats by repr, NaN and infinity as null: the same bytes for the same data."""
     text = json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False)
     # A point or a matrix row on one line: strings hold no raw newline, so only layout is touched.
     text = re.sub(r"\[\n\s*([^\[\]{}]*?)\n\s*\]", lambda m: "[" + re.sub(r",\n\s*", ", ", m[1]) + "]", text)
-    write_atomic(path, text + "\n")
+    return text + "\n"
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from shapely import MultiPolygon, Polygon
 from gtlayout import __version__
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.files import read_json, write_atomic, write_json_atomic
+from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.layout import Extent, Instance, Layout, Mesh, Plane, PlaneFrame
 from gtlayout.quality import Quality
 from gtlayout.scene import LABELS, FloatArray, Label, Scene
@@ -35,19 +35,23 @@ LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
 
 
 def write_results(out_dir: Path, scene: Scene, layout: Layout, quality: Quality, config: Config) -> None:
-    """Write all result files. Everything is made before the first is written; each appears whole or not at all.
+    """Write all result files: every one complete before the first takes its place. A log of an earlier solve goes.
 
     Raises:
         GtlayoutError: the folder or disk does not take them.
     """
-    ply, glb = _ply(layout), _glb(layout)
-    write_atomic(out_dir / "layout.ply", ply)
-    write_atomic(out_dir / "layout.glb", glb)
-    write_json_atomic(out_dir / "quality.json", _quality(scene, layout, quality))
     versions = {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
-    write_json_atomic(out_dir / "config.json", {"versions": versions, "config": asdict(config)})
-    # Last, because it is what says that a scene is solved.
-    write_json_atomic(out_dir / "layout.json", _layout(scene, layout, quality, config))
+    write_all_atomic(
+        {
+            out_dir / "layout.ply": _ply(layout),
+            out_dir / "layout.glb": _glb(layout),
+            out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
+            out_dir / "config.json": json_text({"versions": versions, "config": asdict(config)}),
+            # Last, because it is what says that a scene is solved.
+            out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
+        }
+    )
+    (out_dir / "log.rrd").unlink(missing_ok=True)
 
 
 def read_layout(out_dir: Path) -> Layout:
