@@ -5,13 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from gtlayout.config import QualityConfig
+from gtlayout.element_scores import (
+    PlaneError,
+    found_in_annotations,
+    found_in_truth,
+    match_instances,
+    plane_error,
+)
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import read_depth
-from gtlayout.io.truth import TruePlane, Truth, read_truth
-from gtlayout.layout import Extent, Layout
+from gtlayout.io.truth import read_truth
+from gtlayout.layout import Layout
 from gtlayout.quality import assess
 from gtlayout.raster import fill, rings_of
 from gtlayout.render import render
@@ -38,17 +44,6 @@ class DepthError:
 
 
 @dataclass(frozen=True)
-class PlaneError:
-    """A true plane and the instance that stands for it."""
-
-    truth: str
-    instance: str
-    normal_deg: float
-    offset: float
-    """Distance of the true plane from the centroid of the instance's extent, world unit."""
-
-
-@dataclass(frozen=True)
 class Evaluation:
     """All figures; None where the scene lacks what they need."""
 
@@ -66,6 +61,13 @@ class Evaluation:
     elements: int
     """Annotated elements that the truth names."""
     elements_on_right_instance: int
+    precision: float
+    """Share of the instances that are right: normal within 9°, IoU of the extent with the true one at least 0.9, or of
+    the rendering with the annotations where no truth is known."""
+    recall: float
+    """Share of the true planes that are found so; without truth, of the annotated elements."""
+    wrong: tuple[str, ...]
+    """Instances that are not right."""
 
 
 def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) -> Evaluation:
@@ -77,9 +79,9 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
     _check_members(scene, layout)
     quality = assess(scene, layout.instances, layout.planes, layout.extents, config or QualityConfig())
     truth = read_truth(scene)
-    match = _match_instances(layout, truth) if truth else {}
+    match = match_instances(layout, truth) if truth else {}
     planes = tuple(
-        _plane_error(layout, match[name], name, plane)
+        plane_error(layout, match[name], name, plane)
         for name, plane in (truth.planes.items() if truth else ())
         if plane.scored and name in match and layout.planes[match[name]].observable
     )
@@ -90,6 +92,7 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
         for member in instance.members
         if truth and (name := truth.elements.get(member)) is not None
     ]
+    hits = found_in_truth(layout, quality, truth, match) if truth else found_in_annotations(layout, quality)
     return Evaluation(
         metric=scene.metric,
         iou=quality.iou,
@@ -106,6 +109,9 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
         missing_planes=tuple(n for n, p in (truth.planes.items() if truth else ()) if p.scored and n not in found),
         elements=len(named),
         elements_on_right_instance=sum(right for _, right in named),
+        precision=hits.precision,
+        recall=hits.recall,
+        wrong=tuple(instance.name for instance in layout.instances if instance.name not in hits.right),
     )
 
 
@@ -152,29 +158,3 @@ def _depth_error(scene: Scene, layout: Layout) -> DepthError | None:
         missing=missing,
         by_instance=tuple(by_instance),
     )
-
-
-def _match_instances(layout: Layout, truth: Truth) -> dict[str, int]:
-    """The instance that stands for each true plane: the one-to-one matching that puts most elements right."""
-    names = list(truth.planes)
-    votes = np.zeros((len(names), len(layout.instances)))
-    for i, instance in enumerate(layout.instances):
-        for member in instance.members:
-            if (name := truth.elements.get(member)) is not None:
-                votes[names.index(name), i] += 1
-    rows, columns = linear_sum_assignment(-votes)
-    return {names[r]: int(c) for r, c in zip(rows, columns, strict=True) if votes[r, c] > 0}
-
-
-def _plane_error(layout: Layout, index: int, name: str, true: TruePlane) -> PlaneError:
-    plane = layout.planes[index]
-    cosine = np.clip(plane.normal @ true.normal, -1.0, 1.0)
-    offset = float(true.normal @ _centroid(layout.extents[index])) + true.d
-    return PlaneError(name, layout.instances[index].name, float(np.rad2deg(np.arccos(cosine))), abs(offset))
-
-
-def _centroid(extent: Extent) -> FloatArray:
-    point = extent.region.centroid
-    uv = np.zeros((1, 2)) if point.is_empty else np.array([[point.x, point.y]])
-    centroid: FloatArray = extent.frame.to_world(uv)[0]
-    return centroid

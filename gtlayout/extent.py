@@ -125,12 +125,9 @@ def _half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
 
 def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:
     """A frame whose origin lies opposite the cameras' mean position, so that coordinates stay small."""
-    helper = np.eye(3)[np.argmin(np.abs(plane.normal))]
-    e_u = np.cross(helper, plane.normal)
-    e_u /= np.linalg.norm(e_u)
     centre = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
     origin = centre - (plane.normal @ centre + plane.d) * plane.normal
-    return PlaneFrame(origin, np.stack([e_u, np.cross(plane.normal, e_u)]))
+    return PlaneFrame.across(plane.normal, origin)
 
 
 def _consensus(

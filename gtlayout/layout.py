@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from shapely import MultiPolygon
+import shapely
+from shapely import MultiPolygon, Polygon
 
 from gtlayout.scene import FloatArray, IntArray, Label
 
@@ -64,6 +66,13 @@ class PlaneFrame:
     axes: FloatArray
     """(2, 3) unit vectors e_u and e_v."""
 
+    @classmethod
+    def across(cls, normal: FloatArray, origin: FloatArray) -> PlaneFrame:
+        """A frame on the plane through ``origin`` with that unit normal."""
+        e_u = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+        e_u /= np.linalg.norm(e_u)
+        return cls(origin, np.stack([e_u, np.cross(normal, e_u)]))
+
     def to_world(self, points_uv: FloatArray) -> FloatArray:
         """(N, 2) → (N, 3)."""
         return self.origin + points_uv @ self.axes
@@ -71,6 +80,19 @@ class PlaneFrame:
     def to_plane(self, points_world: FloatArray) -> FloatArray:
         """(N, 3) → (N, 2): orthogonal projection."""
         return (points_world - self.origin) @ self.axes.T
+
+    def rings_to_world(self, region: MultiPolygon) -> list[list[FloatArray]]:
+        """Per polygon its outer ring and its holes as (N, 3) world points, without the repeated last point."""
+        return [
+            [self.to_world(shapely.get_coordinates(ring)[:-1]) for ring in (polygon.exterior, *polygon.interiors)]
+            for polygon in region.geoms
+        ]
+
+    def region(self, rings_world: Sequence[Sequence[FloatArray]]) -> MultiPolygon:
+        """The inverse of ``rings_to_world``; rings beside the plane are projected on it orthogonally."""
+        return MultiPolygon(
+            [Polygon(outer, holes) for outer, *holes in ([self.to_plane(r) for r in rings] for rings in rings_world)]
+        )
 
 
 @dataclass(frozen=True)

@@ -80,13 +80,20 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         for name, mean, pixels in depth.by_instance:
             table.add_row(f"  {name}", f"{mean:.4f} {unit} on {pixels} px")
     for plane in evaluation.planes:
-        table.add_row(f"{plane.truth} ({plane.instance})", f"{plane.normal_deg:.2f}°, {plane.offset:.4f} {unit} off")
+        table.add_row(
+            f"{plane.truth} ({plane.instance})",
+            f"{plane.normal_deg:.2f}° ± {plane.sigma_normal_deg:.2f}°, "
+            f"{plane.offset:.4f} ± {plane.sigma_offset:.4f} {unit} off",
+        )
     for name in evaluation.missing_planes:
         table.add_row(name, "no observable instance")
     if evaluation.elements:
         table.add_row(
             "elements on the right instance", f"{evaluation.elements_on_right_instance} of {evaluation.elements}"
         )
+    table.add_row("precision and recall of elements", f"{evaluation.precision:.3f}, {evaluation.recall:.3f}")
+    if evaluation.wrong:
+        table.add_row("… instances that are not right", ", ".join(evaluation.wrong))
     return table
 
 

@@ -234,7 +234,8 @@ def test_table_shows_the_figures(tmp_path: Path) -> None:
     with console.capture() as capture:
         console.print(evaluation_table(_evaluate(scene, [LEFT, RIGHT])))
     text = capture.get()
-    for figure in ("1.0000 (accepted)", "0.0500 m", "0.00°, 0.0000 m off", "no observable instance", "2 of 2"):
+    found = ("0.00° ± 0.00°, 0.0000 ± 0.0000 m off", "no observable instance", "2 of 2", "1.000, 1.000")
+    for figure in ("1.0000 (accepted)", "0.0500 m", *found):
         assert figure in text
 
 

@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 import trimesh
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon
 
 from gtlayout import __version__
 from gtlayout.config import Config
@@ -107,8 +106,8 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
                     "area": extent.region.area,
                     "origin": extent.frame.origin,
                     "axes": extent.frame.axes,
-                    "polygons": _rings(extent.region, extent.frame),
-                    "unrefined": _rings(extent.unrefined, extent.frame),
+                    "polygons": extent.frame.rings_to_world(extent.region),
+                    "unrefined": extent.frame.rings_to_world(extent.unrefined),
                 },
                 "iou": judged.iou,
                 "verdict": judged.verdict,
@@ -124,14 +123,6 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras",
         "elements": elements,
     }
-
-
-def _rings(region: MultiPolygon, frame: PlaneFrame) -> list[list[FloatArray]]:
-    """Per polygon its outer ring and holes as (N, 3) world points, without the repeated last point."""
-    return [
-        [frame.to_world(shapely.get_coordinates(ring)[:-1]) for ring in (polygon.exterior, *polygon.interiors)]
-        for polygon in region.geoms
-    ]
 
 
 def _read_element(row: dict[str, Any], names: list[str]) -> tuple[Instance, Plane, Extent]:
@@ -161,8 +152,7 @@ def _numbers(value: Any) -> FloatArray:
 
 
 def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:
-    rings = [[frame.to_plane(np.asarray(ring, dtype=np.float64)) for ring in polygon] for polygon in polygons]
-    return MultiPolygon([Polygon(outer, holes) for outer, *holes in rings])
+    return frame.region([[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons])
 
 
 def _ply(layout: Layout) -> bytes:

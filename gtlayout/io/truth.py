@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,9 @@ class TruePlane:
     d: float
     scored: bool
     """Whether the plane was measured, and so may be compared with."""
+    extent_world: tuple[tuple[FloatArray, ...], ...] | None = None
+    """The part of it that the key frames show, behind furniture and with doors and windows: per polygon its outer
+    ring and its holes, (N, 3) each; None = not known."""
 
 
 @dataclass(frozen=True)
@@ -69,4 +73,15 @@ def _plane(plane: dict[str, object]) -> TruePlane:
     if not (0 < length < np.inf and np.isfinite(d)):
         raise ValueError(f"normal {plane['normal']} and d {plane['d']} are no plane")
     # Files round: a normal with six digits is off unit length by enough to look like an angle of 0.07°.
-    return TruePlane(normal / length, d / length, bool(plane.get("from_depth", True)))
+    return TruePlane(normal / length, d / length, bool(plane.get("from_depth", True)), _extent(plane.get("extent")))
+
+
+def _extent(polygons: Any) -> tuple[tuple[FloatArray, ...], ...] | None:
+    """Rings from nested lists of numbers."""
+    if polygons is None:
+        return None
+    rings = tuple(tuple(np.asarray(ring, dtype=np.float64) for ring in polygon) for polygon in polygons)
+    for ring in (ring for polygon in rings for ring in polygon):
+        if ring.ndim != 2 or ring.shape[1] != 3 or len(ring) < 3 or not np.isfinite(ring).all():
+            raise ValueError("a ring of its extent is no list of at least 3 points [x, y, z]")
+    return rings
