@@ -1,0 +1,225 @@
+"""Measuring many scenes: in parallel, with a progress bar; a run that was cut short goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import cv2
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from gtlayout import __version__
+from gtlayout.errors import GtlayoutError
+from gtlayout.io import CAMERA_READERS
+from gtlayout.io.files import read_json, write_json_atomic
+from metrics import FORMAT, Metric, read_rows
+
+SceneRows = dict[str, list[Metric]]
+"""Label of a row (a method, a variant) → what was measured for it in one scene."""
+Measure = Callable[[Path], Mapping[str, list[Metric]]]
+SCENES = "scenes"
+"""Folder of the results of each scene, inside the folder of all results."""
+LARGE = {".jpg", ".jpeg", ".png", ".mp4", ".mov", ".mkv", ".webm"}
+"""Files of these kinds are known by name and size …"""
+SMALL_BYTES = 1 << 16
+"""… unless they are as small as label masks: then, like all other files, by what is in them."""
+RESULTS = "gtlayout"
+"""Folder inside a scene that `gtlayout solve` writes to: no input."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    rows: SceneRows
+    error: str | None = None
+    """Why the scene failed; None when it did not."""
+
+
+def find_scenes(root: Path) -> dict[str, Path]:
+    """Name → folder of ``root`` itself when cameras of a known format are in it, else of each sub-folder with some.
+
+    Raises GtlayoutError when there is none.
+    """
+    if not root.is_dir():
+        raise GtlayoutError(f"no folder {root}")
+    if _has_cameras(root):
+        return {root.resolve().name: root}
+    below = sorted(path for path in root.iterdir() if path.is_dir() and not path.name.startswith("."))
+    scenes = {path.name: path for path in below if _has_cameras(path)}
+    if not scenes:
+        looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in CAMERA_READERS)
+        raise GtlayoutError(f"no scene in {root} and its folders; looked for {looked_for}")
+    return scenes
+
+
+def run_scenes(
+    scenes: Mapping[str, Path], out_dir: Path, measure: Measure, settings: str, jobs: int = 1
+) -> dict[str, SceneRows]:
+    """Measure each scene, or take the result of an earlier run when nothing it depends on has changed since.
+
+    The result of each scene goes to ``out_dir/scenes/<name>.json`` as soon as it is there. It is taken again while
+    ``settings``, the version of gtlayout and the scene's files are the same. Code that changed within a version is not
+    noticed: remove the folder then.
+
+    A scene that fails is named on stderr, with the reason in its file, and tried again by the next run; the others
+    go on.
+
+    Args:
+        scenes: name → folder.
+        out_dir: folder of the results; made if absent.
+        measure: what is run on the folder of each scene; with ``jobs`` > 1 a function that can be pickled.
+        settings: whatever else decides the result, in words.
+        jobs: processes, of one thread each; 1 = this process, with its threads.
+
+    Returns:
+        Scene → label of the row → metrics, in the order of ``scenes``; without the scenes that failed.
+
+    Raises:
+        GtlayoutError: a name is no file name, or results cannot be written.
+    """
+    for name in scenes:
+        if Path(name).name != name or name.startswith("."):
+            raise GtlayoutError(f"scene {name!r} cannot be a file name: call it otherwise")
+    files = {name: out_dir / SCENES / f"{name}.json" for name in scenes}
+    fingerprints = {name: _fingerprint(path, out_dir, settings) for name, path in scenes.items()}
+    done = {name: rows for name in scenes if (rows := _finished(files[name], fingerprints[name])) is not None}
+    todo = {name: path for name, path in scenes.items() if name not in done}
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        bar = bars.add_task("scenes", total=len(scenes), completed=len(done))
+        for name, outcome in _in_processes(todo, measure, jobs) if jobs > 1 else _here(todo, measure):
+            metrics = {label: [asdict(metric) for metric in row] for label, row in outcome.rows.items()}
+            record = {"format": FORMAT, "fingerprint": fingerprints[name], "error": outcome.error, "rows": metrics}
+            write_json_atomic(files[name], record)
+            if outcome.error is None:
+                done[name] = outcome.rows
+            else:
+                print(f"{name}: {outcome.error}", file=sys.stderr)
+            bars.advance(bar)
+    return {name: done[name] for name in scenes if name in done}
+
+
+def errors_of(scenes: Mapping[str, Path], out_dir: Path) -> dict[str, str]:
+    """Scene → reason, for those that failed in the last run into ``out_dir``. Raises GtlayoutError on damaged files."""
+    found = {name: read_json(out_dir / SCENES / f"{name}.json").get("error") for name in scenes}
+    return {name: str(error) for name, error in found.items() if error is not None}
+
+
+def _has_cameras(path: Path) -> bool:
+    return any(reader.detect(path) for reader in CAMERA_READERS)
+
+
+def _fingerprint(scene: Path, out_dir: Path, settings: str) -> str:
+    """SHA-256 of all a result depends on, apart from the code within a version."""
+    digest = hashlib.sha256(repr((__version__, settings)).encode())
+    for path in _inputs(scene, out_dir):
+        try:
+            size = path.stat().st_size
+            by_content = path.suffix.lower() not in LARGE or size <= SMALL_BYTES
+            content = hashlib.sha256(path.read_bytes()).hexdigest() if by_content else ""
+        except OSError as error:
+            raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+        digest.update(repr((path.relative_to(scene).as_posix(), size, content)).encode())
+    return digest.hexdigest()
+
+
+def _inputs(scene: Path, out_dir: Path) -> list[Path]:
+    """Files of a scene, sorted, through links; without results and hidden files."""
+    inputs: list[Path] = []
+    left_out = {(scene / RESULTS).resolve(), out_dir.resolve()}
+    seen: set[Path] = set()
+    for folder, below, names in os.walk(scene, followlinks=True):
+        if (real := Path(folder).resolve()) in seen | left_out:
+            below.clear()
+            continue
+        seen.add(real)
+        below[:] = [name for name in below if not name.startswith(".")]
+        files = [Path(folder, name) for name in names if not name.startswith(".")]
+        inputs += [path for path in files if path.is_file()]
+    return sorted(inputs)
+
+
+def _finished(path: Path, fingerprint: str) -> SceneRows | None:
+    """The result in a file; None when there is none that may be taken again."""
+    if not path.exists():
+        return None
+    try:
+        record = read_json(path)
+        return read_rows(path) if record.get("fingerprint") == fingerprint and record.get("error") is None else None
+    except GtlayoutError:
+        return None  # Damaged: it will be written anew.
+
+
+def _attempt(measure: Measure, path: Path) -> _Outcome:
+    try:
+        return _Outcome(dict(measure(path)))
+    except GtlayoutError as error:
+        return _Outcome({}, str(error))
+    except Exception as error:
+        # A bug in one scene must not cost the night's other scenes.
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        return _Outcome({}, f"{what} ({Path(at.filename).name}:{at.lineno})")
+
+
+def _here(scenes: Mapping[str, Path], measure: Measure) -> Iterator[tuple[str, _Outcome]]:
+    for name, path in scenes.items():
+        yield name, _attempt(measure, path)
+
+
+def _in_processes(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome]]:
+    """Outcomes as they come."""
+    unfinished = dict(scenes)
+    for name, outcome in _in_one_pool(scenes, measure, jobs):
+        if outcome is not None:
+            unfinished.pop(name)
+            yield name, outcome
+    # A process that died took its pool with it, and which scene it was is not said: one pool each tells.
+    for name, path in unfinished.items():
+        for _, outcome in _in_one_pool({name: path}, measure, 1):
+            yield name, outcome or _Outcome({}, "the process died: out of memory, or a crash")
+
+
+def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
+    """Outcomes as they come; None for scenes whose pool died before they were finished."""
+    with _single_threaded():
+        # Spawned, because OpenCV's and GTSAM's threads do not survive a fork.
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,))
+        names: dict[Future[_Outcome], str] = {}
+        try:
+            with suppress(BrokenProcessPool):
+                for name, path in scenes.items():
+                    names[pool.submit(_attempt, measure, path)] = name
+            for future in as_completed(names):
+                error = future.exception()
+                outcome = future.result() if error is None else _Outcome({}, repr(error))
+                yield names[future], None if isinstance(error, BrokenProcessPool) else outcome
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _single_threaded() -> Iterator[None]:
+    """For processes started within: one thread each, or they would fight for the cores."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
