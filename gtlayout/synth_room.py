@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import shapely
+from shapely import Polygon
 
 from gtlayout import synth_textures as textures
 from gtlayout.layout import PlaneFrame
@@ -17,6 +19,10 @@ Light = Callable[[FloatArray, FloatArray], FloatArray]
 """(N, 3) points and their (3,) normal → (N,) brightness factors."""
 
 MIP_LEVELS = 6
+CLEARANCE_M = 0.3
+"""Cameras keep so far away from walls and from furniture that is taller than …"""
+LOW_M = 1.0
+"""… this: they are held higher."""
 _NEAR, _RIGHT, _FAR, _LEFT = range(4)
 """Sides of a box room's footprint, which starts at the origin and runs along x first."""
 _UP = np.array([0.0, 0.0, 1.0])
@@ -58,6 +64,12 @@ class Room:
     """Surfaces in drawing order: an opening comes after the wall it lies in."""
 
     surfaces: tuple[Surface, ...]
+    standing: Polygon
+    """x, y where a camera may be: in the main room, clear of its walls and of all furniture taller than ``LOW_M``."""
+    height_m: float
+    """The least height of the ceiling above ``standing``."""
+    focus: FloatArray
+    """(2,) x, y of the middle of what is worth seeing: cameras at the near end (low y) look across it."""
 
     @property
     def structure(self) -> tuple[Surface, ...]:
@@ -230,7 +242,16 @@ def make_room(seed: int) -> Room:
         for number, box in enumerate(boxes)
         for face in box.faces()
     ]
-    return Room(tuple(structure + furniture))
+    focus = np.array([width / 2, length / 2])
+    return Room(tuple(structure + furniture), standing_place(Polygon(footprint), boxes), float(height), focus)
+
+
+def standing_place(upright: Polygon, boxes: Sequence[Box]) -> Polygon:
+    """Where a camera may be: of ``upright`` (x, y) the largest part away from its border and from tall furniture."""
+    tall = [Polygon(box.faces()[4][:, :2]) for box in boxes if box.centre[2] + box.size[2] / 2 > LOW_M]
+    free = upright.buffer(-CLEARANCE_M, join_style="mitre")
+    free -= shapely.union_all([footprint.buffer(CLEARANCE_M, join_style="mitre") for footprint in tall])
+    return max((part for part in shapely.get_parts(free) if isinstance(part, Polygon)), key=lambda part: part.area)
 
 
 def _furniture(width: float, length: float, mirrored: bool, rng: np.random.Generator) -> list[Box]:
