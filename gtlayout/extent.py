@@ -81,7 +81,7 @@ def clip_to_plane(
     limit = max(1 / max_depth, min_horizon_px * slope)
     if region.is_empty or not np.isfinite(inverse).all():
         return Polygon()
-    return region.intersection(_half_plane(inverse - [0.0, 0.0, limit], region))
+    return region.intersection(half_plane(inverse - [0.0, 0.0, limit], region))
 
 
 def unproject(points_px: FloatArray, plane: Plane, camera: Camera) -> FloatArray:
@@ -108,7 +108,7 @@ def _homogeneous(points: FloatArray) -> FloatArray:
     return np.column_stack([points, np.ones(len(points))])
 
 
-def _half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
+def half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
     """The part with a x + b y + c >= 0, as a polygon large enough for ``around``."""
     low, high = np.reshape(around.bounds, (2, 2))
     corners = (low + high) / 2 + _BOX * (high - low).max()
@@ -163,7 +163,7 @@ def _consensus(
                 not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
                     planes[other], camera
                 )
-                region = region.intersection(_half_plane(not_nearer, region))
+                region = region.intersection(half_plane(not_nearer, region))
             contradicted.append(_lift(region, plane, camera, frame, max_depth, config))
     if all(region.is_empty for region in seen):
         return MultiPolygon()
@@ -280,7 +280,7 @@ def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> F
     drawn = line - [0.0, 0.0, float(np.median(distance))]
     width = max(float(np.ptp(distance)), max(part.length for part in shapely.get_parts(contact)) / 4)
     beside = region.intersection(contact.buffer(width, cap_style="flat"))
-    positive = beside.intersection(_half_plane(drawn, shapely.union_all([region, contact])))
+    positive = beside.intersection(half_plane(drawn, shapely.union_all([region, contact])))
     return line if positive.area >= beside.area / 2 else -line
 
 
@@ -295,7 +295,7 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseG
     ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
     """
     reach = _reach(line, contact)
-    boundary = region.boundary.intersection(contact.buffer(reach)).intersection(_half_plane(line, region))
+    boundary = region.boundary.intersection(contact.buffer(reach)).intersection(half_plane(line, region))
     quads = []
     for part in shapely.get_parts(_flat(boundary)):
         points = shapely.get_coordinates(part)
@@ -321,6 +321,6 @@ def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> Ba
         first, last = points[np.argmin(points @ along)], points[np.argmax(points @ along)]
         bands.append(Polygon([first, last, last - depth * across, first - depth * across]))
     alongside = shapely.union_all(bands)
-    pieces = polygons(region.intersection(_half_plane(-line, region)))
+    pieces = polygons(region.intersection(half_plane(-line, region)))
     parts = [(piece, piece.intersection(alongside)) for piece in pieces.geoms]
     return shapely.union_all([piece if part.area >= piece.area / 2 else part for piece, part in parts])
