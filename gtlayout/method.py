@@ -89,7 +89,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
     observer.edges(edges)
 
     def run(restart: int) -> Solution:
-        chosen = _choose(track_instance, config, restart)
+        chosen = restart_tracks(track_instance, config, restart)
         with stage("estimation"):
             solved = estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
         with stage("extents"):
@@ -114,7 +114,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
     return best
 
 
-def _choose(track_instance: IntArray, config: Config, restart: int) -> IntArray:
+def restart_tracks(track_instance: IntArray, config: Config, restart: int) -> IntArray:
     """``track_instance`` with the tracks that this restart leaves out set to -1."""
     if restart == 0:
         return track_instance
