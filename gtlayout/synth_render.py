@@ -13,7 +13,7 @@ import numpy as np
 
 from gtlayout.raster import fill
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray
-from gtlayout.synth_room import MIP_LEVELS, Surface
+from gtlayout.synth_surfaces import MIP_LEVELS, Surface
 from gtlayout.synth_textures import TEXEL_M, Texture
 
 NEAR_M = 0.05

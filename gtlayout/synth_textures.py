@@ -21,6 +21,8 @@ Painter = Callable[[np.random.Generator, Shape], Texture]
 
 TEXEL_M = 0.004
 """4 mm: a pixel of a 480 px wide image covers 3 to 10 mm of a room's wall."""
+PLASTER_CONTRAST = 1.5
+"""σ of the structure of a painted wall, grey levels."""
 
 
 def noise(rng: np.random.Generator, shape: Shape, coarsest_m: float, finest_m: float, stretch: int = 1) -> Texture:
@@ -151,6 +153,23 @@ def with_pictures(paint: Painter, boxes_m: tuple[tuple[float, float, float, floa
     return painted
 
 
+def faded(paint: Painter, texture: float) -> Painter:
+    """The same material with ``texture`` times its contrast: 1 = unchanged, 0 = painted plaster of its mean colour.
+
+    Draws from the generator what the material itself draws, so that nothing else in the room changes with ``texture``.
+    """
+    if texture == 1:
+        return paint
+
+    def painted(rng: np.random.Generator, shape: Shape) -> Texture:
+        image = paint(rng, shape)
+        blue, green, red = (float(level) for level in image.mean(axis=(0, 1)))
+        plaster = plain(rng.spawn(1)[0], shape, (blue, green, red), PLASTER_CONTRAST)
+        return np.asarray(texture * image + (1 - texture) * plaster, np.float32)
+
+    return painted
+
+
 WALL_PAINTERS: tuple[Painter, ...] = (
     partial(wallpaper, colour=(170, 195, 205)),
     partial(blocks, colour=(135, 150, 185), block_m=(0.24, 0.075), joint_m=0.012, spread=14),
@@ -164,6 +183,9 @@ FLOOR_PAINTERS: tuple[Painter, ...] = (
     partial(plain, colour=(120, 115, 125), contrast=14),
 )
 CEILING_PAINTER: Painter = partial(plain, colour=(222, 224, 226), contrast=7)
+SLANTED_PAINTER: Painter = partial(
+    blocks, colour=(150, 185, 205), block_m=(1.6, 0.14), joint_m=0.006, spread=9, grain=6
+)
 FABRIC_PAINTER: Painter = partial(plain, colour=(110, 85, 75), contrast=12)
 WOOD_PAINTER: Painter = partial(blocks, colour=(75, 110, 145), block_m=(0.8, 0.2), joint_m=0.003, spread=6, grain=6)
 CABINET_PAINTER: Painter = partial(cabinet, colour=(95, 130, 160))

@@ -22,7 +22,8 @@ from gtlayout.scene import OPENINGS, Camera, FloatArray
 from gtlayout.synth import SynthConfig, arc_path, looking, synthesize
 from gtlayout.synth_annotate import annotate
 from gtlayout.synth_render import cast, project_polygon, shade
-from gtlayout.synth_room import Room, make_room, make_surface
+from gtlayout.synth_room import Room, make_room
+from gtlayout.synth_surfaces import make_surface
 from gtlayout.synth_textures import plain
 
 EXAMPLE = Path(__file__).parents[1] / "examples/room"

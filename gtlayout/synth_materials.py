@@ -1,0 +1,75 @@
+"""Materials of synthetic rooms: what each panel of a plan is painted with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from gtlayout import synth_textures as textures
+from gtlayout.scene import OPENINGS
+from gtlayout.synth_plans import Panel, Plan
+from gtlayout.synth_surfaces import Box, Surface, lamp_light, make_surface
+from gtlayout.synth_textures import Painter, faded
+
+_POSTERS = 2
+"""As many hang on a wall if there is room …"""
+_POSTER_TRIES = 12
+"""… at one of so many places."""
+
+
+def paint_plan(plan: Plan, boxes: Sequence[Box], texture: float, rng: np.random.Generator) -> list[Surface]:
+    """The building's surfaces in the plan's order.
+
+    Neighbouring walls have different papers, rooms different floors; ``texture`` is the contrast of all but doors and
+    windows, see ``faded``.
+    """
+    lights = [lamp_light(lamp, boxes) for lamp in plan.lamps_world]
+    papers = rng.permutation(len(textures.WALL_PAINTERS))
+    first_floor = int(rng.integers(len(textures.FLOOR_PAINTERS)))
+    surfaces = []
+    walls = 0
+    for panel in plan.panels:
+        paint: Painter
+        match panel.label:
+            case "door":
+                paint = textures.door
+            case "window":
+                paint = textures.window
+            case "floor":
+                paint = textures.FLOOR_PAINTERS[(first_floor + panel.room) % len(textures.FLOOR_PAINTERS)]
+            case "slanted":
+                paint = textures.SLANTED_PAINTER
+            case "wall":
+                paper = textures.WALL_PAINTERS[papers[walls % len(papers)]]
+                paint = textures.with_pictures(paper, _posters(panel, plan.panels, rng))
+                walls += 1
+            case _:
+                paint = textures.CEILING_PAINTER
+        if panel.label not in OPENINGS:
+            paint = faded(paint, texture)
+        surfaces.append(make_surface(panel.name, panel.label, panel.corners_world, paint, lights[panel.room], rng))
+    return surfaces
+
+
+def _posters(
+    wall: Panel, panels: Sequence[Panel], rng: np.random.Generator
+) -> tuple[tuple[float, float, float, float], ...]:
+    """(u, v, width, height) of posters at eye height, clear of each other, of doors and windows, and of wall ends."""
+    corners_uv = wall.frame.to_plane(wall.corners_world)
+    free: shapely.Geometry = Polygon(corners_uv).buffer(-0.1, join_style="mitre")
+    for panel in panels:
+        if panel.label in OPENINGS and np.abs((panel.corners_world - wall.corners_world[0]) @ wall.normal).max() < 1e-6:
+            free -= Polygon(wall.frame.to_plane(panel.corners_world)).buffer(0.1, join_style="mitre")
+    left = float(corners_uv[:, 0].min())
+    found: list[tuple[float, float, float, float]] = []
+    for _ in range(_POSTER_TRIES):
+        width, height = rng.uniform((0.4, 0.4), (0.7, 0.7))
+        u, v = rng.uniform((0, 1.15), (wall.width_m, 1.4))
+        poster = shapely.box(left + u, v, left + u + width, v + height)
+        if free.covers(poster) and len(found) < _POSTERS:
+            found.append((float(u), float(v), float(width), float(height)))
+            free -= poster.buffer(0.15)
+    return tuple(found)
