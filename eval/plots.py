@@ -1,0 +1,243 @@
+"""A plot for each table: values per scene, ours against others, and predicted σ against true error.
+
+Figures are made without pyplot and without a display; the same data gives the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, FigureBase, SubFigure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import write_atomic
+from gtlayout.scene import FloatArray
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Okabe and Ito's: colour-blind eyes tell them apart."""
+MARKERS = "os^DvPX"
+DASHES = ("solid", "dashed", "dashdot", "dotted")
+WIDTH_IN = 4.8
+"""Panels of this width, one above the other, can be read on a phone and in a column of a paper."""
+STYLE: dict[str, Any] = {
+    "font.size": 11,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#e0e0e0",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+    "legend.borderaxespad": 0.2,
+    "savefig.dpi": 200,
+    "svg.hashsalt": "gtlayout",  # else SVG's ids are random
+}
+METADATA: dict[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+}
+"""By suffix: neither dates nor versions."""
+
+
+def per_scene(
+    path: Path,
+    rows_by_method: Mapping[str, Mapping[str, float]],
+    ylabel: str,
+    higher_is_better: bool,
+    log: bool = False,
+) -> None:
+    """Compare methods over scenes: the first one's values against the others', and each one's distribution.
+
+    Args:
+        path: where the picture goes, .png or .svg.
+        rows_by_method: method → scene → value. A scene that a method has no value for (absent or NaN) is one it failed
+            at: the upper panel leaves it out, in the lower one the method's curve does not reach 100 %, and it counts
+            as the worst in the median.
+        ylabel: what is measured, with its unit.
+        higher_is_better: its direction.
+        log: logarithmic axes; what is not positive is drawn at the smallest positive value.
+
+    Raises:
+        GtlayoutError: another suffix, or the folder or disk does not take the file.
+    """
+    scenes = list(dict.fromkeys(scene for rows in rows_by_method.values() for scene in rows))
+    table = {
+        method: np.array([rows.get(scene, np.nan) for scene in scenes], dtype=np.float64)
+        for method, rows in rows_by_method.items()
+    }
+    limits = _limits(np.concatenate([np.empty(0), *table.values()]), log)
+    with matplotlib.style.context(["default", STYLE]):
+        heights = [5.4, 4.4] if len(table) > 1 else [4.4]
+        figure = Figure(figsize=(WIDTH_IN, sum(heights)), layout="constrained")
+        *above, below = figure.subfigures(len(heights), height_ratios=heights, squeeze=False)[:, 0]
+        for part in above:
+            _draw_pairs(part, table, limits, ylabel, higher_is_better, log)
+        _draw_shares(below, table, limits, ylabel, higher_is_better, log)
+        _save(figure, path)
+
+
+def sigma_against_error(
+    path: Path, sigma: FloatArray, error: FloatArray, groups: Sequence[str], quantity: str, unit: str
+) -> None:
+    """Scatter of true error against predicted σ, with the lines error = σ and error = 2σ and the shares below them.
+
+    Of calibrated errors along one axis 68 % lie below σ and 95 % below 2σ.
+
+    Args:
+        path: where the picture goes, .png or .svg.
+        sigma: (N,) predicted, in ``unit``. What is not finite or not positive is left out, with its error.
+        error: (N,) absolute errors, in ``unit``. NaN is left out; what is far below the smallest σ is drawn at the
+            lower border.
+        groups: (N,) what each point is (floor, wall …): its colour and marker.
+        quantity: what is predicted, such as ``offset``.
+        unit: ``m``, ``°`` …
+
+    Raises:
+        GtlayoutError: another suffix, or the folder or disk does not take the file.
+    """
+    usable = np.isfinite(sigma) & (sigma > 0) & np.isfinite(error)
+    x, y = sigma[usable], error[usable]
+    names = np.array(groups, dtype=object)[usable]
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
+        panel = figure.subplots()
+        low, high = ends = _limits(x, log=True)
+        bottom, top = low / 30, max(3 * high, 1.3 * float(y.max(initial=0.0)))
+        for factor, name, dash in ((1, "σ", "solid"), (2, "2σ", "dashed")):
+            share = f"{np.mean(y <= factor * x):.0%}" if len(x) else "–"
+            line = factor * np.array(ends)
+            panel.plot(ends, line, color="#333333", linestyle=dash, label=f"error = {name}: {share} below")
+        # The rare ones on top.
+        for k, (name, count) in enumerate(Counter(names.tolist()).most_common()):
+            own = names == name
+            panel.scatter(x[own], np.maximum(y[own], bottom), label=f"{name} ({count})", **_points(k, len(x)))
+        panel.set_xlabel(f"predicted σ of {quantity}, {unit}")
+        panel.set_ylabel(f"error of {quantity}, {unit}")
+        _scale(panel, "x", ends, log=True)
+        _scale(panel, "y", (bottom, top), log=True)
+        _legend(figure, panel, columns=2)
+        _save(figure, path)
+
+
+def _draw_pairs(
+    figure: SubFigure,
+    table: Mapping[str, FloatArray],
+    limits: tuple[float, float],
+    label: str,
+    higher_is_better: bool,
+    log: bool,
+) -> None:
+    """A point per scene and other method: the other's value to the right, the first method's up."""
+    panel = figure.subplots()
+    (ours, first), *others = table.items()
+    side = "above" if higher_is_better else "below"
+    panel.plot(limits, limits, color="#333333", linewidth=1, label=f"equal; {side} the line {ours} is better")
+    for k, (method, values) in enumerate(others, start=1):
+        both = np.isfinite(values) & np.isfinite(first)
+        x, y = (np.maximum(of[both], limits[0]) for of in (values, first))
+        better = np.count_nonzero(first[both] > values[both] if higher_is_better else first[both] < values[both])
+        panel.scatter(x, y, label=f"{method}: {ours} better in {better} of {len(x)}", **_points(k, len(first)))
+    panel.set_xlabel(f"{label}: {others[0][0] if len(others) == 1 else 'others'}")
+    panel.set_ylabel(f"{label}: {ours}")
+    panel.set_box_aspect(1)
+    _scale(panel, "xy", limits, log)
+    _legend(figure, panel, columns=1)
+
+
+def _draw_shares(
+    figure: SubFigure,
+    table: Mapping[str, FloatArray],
+    limits: tuple[float, float],
+    label: str,
+    higher_is_better: bool,
+    log: bool,
+) -> None:
+    """Per method the share of scenes that are at least as good as the value to the right."""
+    panel = figure.subplots()
+    for k, (method, values) in enumerate(table.items()):
+        ordered = np.sort(values[np.isfinite(values)])
+        counts = np.arange(len(ordered) + 1)
+        shares = 100 * (counts[::-1] if higher_is_better else counts) / max(1, len(values))
+        failed = len(values) - len(ordered)
+        panel.step(
+            [limits[0], *np.maximum(ordered, limits[0]), limits[1]],
+            [*shares, shares[-1]],
+            where="post",
+            color=COLORS[k % len(COLORS)],
+            linestyle=DASHES[k % len(DASHES)],
+            linewidth=1.8,
+            label=f"{method}: median {_median(values, higher_is_better)}" + (f", {failed} failed" if failed else ""),
+        )
+    panel.set_ylim(0, 102)
+    panel.set_xlabel(label)
+    panel.set_ylabel(f"at least as good, % of {len(next(iter(table.values()), []))} scenes")
+    _scale(panel, "x", limits, log)
+    _legend(figure, panel, columns=1)
+
+
+def _median(values: FloatArray, higher_is_better: bool) -> str:
+    """Three digits; a dash when half of the scenes or more have no value."""
+    if len(values) == 0:
+        return "–"
+    median = np.median(np.where(np.isfinite(values), values, -np.inf if higher_is_better else np.inf))
+    return f"{median:#.3g}".rstrip(".") if np.isfinite(median) else "–"
+
+
+def _points(k: int, count: int) -> dict[str, Any]:
+    """How the k-th of several kinds of points looks, smaller when there are many."""
+    size = 28 if count < 300 else 14
+    look = {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)]}
+    return {**look, "s": size, "alpha": 0.75, "linewidths": 0, "clip_on": False}
+
+
+def _limits(values: FloatArray, log: bool) -> tuple[float, float]:
+    """Ends of an axis with all values in it, or all positive ones when it is logarithmic: then at least a decade."""
+    used = values[np.isfinite(values) & ((values > 0) | (not log))]
+    if len(used) == 0:
+        return 0.1, 1.0
+    low, high = float(used.min()), float(used.max())
+    if log:
+        margin = max(1.2, np.sqrt(10 * low / high))
+        return low / margin, high * margin
+    margin = 0.04 * (high - low) or 0.04 * abs(high) or 0.04
+    return low - margin, high + margin
+
+
+def _scale(panel: Axes, axes: str, limits: tuple[float, float], log: bool) -> None:
+    """Set limits and scale of the axes named; the more decades, the fewer labels in each."""
+    for name in axes:
+        if log:
+            panel.set(**{f"{name}scale": "log"})
+            axis = panel.xaxis if name == "x" else panel.yaxis
+            decades = np.log10(limits[1] / limits[0])
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,)))
+            axis.set_minor_locator(NullLocator())
+            axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        panel.set(**{f"{name}lim": limits})
+
+
+def _legend(figure: FigureBase, panel: Axes, columns: int) -> None:
+    """Above the panel, where it hides nothing, over the figure's whole width."""
+    handles, _ = panel.get_legend_handles_labels()
+    legend = figure.legend(handles=handles, loc="outside upper left", ncols=columns, columnspacing=1.2)
+    for text in legend.get_texts():
+        text.set_text(textwrap.fill(text.get_text(), 56 // columns))
+
+
+def _save(figure: Figure, path: Path) -> None:
+    kind = path.suffix[1:].lower()
+    if kind not in METADATA:
+        raise GtlayoutError(f"cannot write {path}: plots are .png or .svg")
+    content = io.BytesIO()
+    figure.savefig(content, format=kind, metadata=METADATA[kind])
+    write_atomic(path, content.getvalue())
