@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,7 @@ class Metric:
     """One measured number."""
 
     key: str
-    """Column it belongs to: ``iou``, ``depth_error`` …"""
+    """What is measured: ``iou``, ``depth_error`` … Key and unit together make a column of a table."""
     value: float
     """NaN when there is nothing to measure."""
     unit: str
@@ -33,40 +33,38 @@ class Metric:
 
 
 def mean_over(rows: Sequence[Sequence[Metric]]) -> list[Metric]:
-    """The mean of each metric over the rows that have a value for it; NaN where none has. Order of first appearance."""
-    by_key: dict[str, list[Metric]] = {}
-    for row in rows:
-        for metric in row:
-            by_key.setdefault(metric.key, []).append(metric)
-    means = []
-    for key, metrics in by_key.items():
-        values = [metric.value for metric in metrics if np.isfinite(metric.value)]
-        first = metrics[0]
-        means.append(Metric(key, float(np.mean(values)) if values else np.nan, first.unit, first.higher_is_better))
-    return means
+    """The mean of each metric over the rows that have a value for it; NaN where none has. Order of first appearance.
+
+    The same metric in two units (metres in one scene, its own unit in another) has two means.
+    """
+    return [replace(first, value=_mean(cells)) for first, cells in _columns(rows)]
 
 
 def markdown_table(rows: Rows, row_title: str) -> str:
-    """A table with one column per key; arrows say which way is better. What a row lacks is a dash."""
-    columns = _columns(rows)
+    """A table with a column per metric and unit; arrows say which way is better. What has no value is a dash.
+
+    The decimals of a column are such that its median shows three digits.
+    """
     arrows = {True: " ↑", False: " ↓", None: ""}
-    heads = [m.key + (f", {m.unit}" if m.unit else "") + arrows[m.higher_is_better] for m in columns.values()]
-    lines = [[row_title, *heads], ["---", *("---:" for _ in heads)]]
-    for label, metrics in rows.items():
-        values = {metric.key: metric.value for metric in metrics}
-        lines.append([label.replace("|", "\\|"), *(_shown(values.get(key, np.nan)) for key in columns)])
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+    columns = [[row_title, "---", *rows]]
+    for first, cells in _columns(list(rows.values())):
+        head = first.key + (f", {first.unit}" if first.unit else "") + arrows[first.higher_is_better]
+        decimals = _decimals(cells)
+        columns.append([head, "---:", *(_shown(value, decimals) for value in cells)])
+    lines = [
+        " | ".join(" ".join(cell.split()).replace("|", "\\|") for cell in line) for line in zip(*columns, strict=True)
+    ]
+    return "".join(f"| {line} |\n" for line in lines)
 
 
 def csv_table(rows: Rows, row_title: str) -> str:
     """The same for spreadsheets: full precision, units in the column's name, empty where there is no value."""
-    columns = _columns(rows)
+    columns = [[row_title, *rows]]
+    for first, cells in _columns(list(rows.values())):
+        head = first.key + (f"_{first.unit}" if first.unit else "")
+        columns.append([head, *(repr(float(value)) if np.isfinite(value) else "" for value in cells)])
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([row_title, *(m.key + (f"_{m.unit}" if m.unit else "") for m in columns.values())])
-    for label, metrics in rows.items():
-        values = {metric.key: metric.value for metric in metrics if np.isfinite(metric.value)}
-        writer.writerow([label, *(values.get(key, "") for key in columns)])
+    csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
     return text.getvalue()
 
 
@@ -103,20 +101,37 @@ def read_rows(path: Path) -> dict[str, list[Metric]]:
 
 def _metric(key: str, value: float | None, unit: str, higher_is_better: bool | None) -> Metric:
     """JSON has no NaN: null stands for it."""
+    if not isinstance(key, str) or not isinstance(unit, str) or higher_is_better not in (True, False, None):
+        raise TypeError(f"no metric: {key!r}, {unit!r}, {higher_is_better!r}")
     return Metric(key, np.nan if value is None else float(value), unit, higher_is_better)
 
 
-def _columns(rows: Rows) -> dict[str, Metric]:
-    """The first metric of each key, in order of appearance."""
-    columns: dict[str, Metric] = {}
-    for metrics in rows.values():
-        for metric in metrics:
-            columns.setdefault(metric.key, metric)
-    return columns
+def _columns(rows: Sequence[Sequence[Metric]]) -> list[tuple[Metric, list[float]]]:
+    """For each key and unit, in order of appearance, its first metric and a value per row, NaN where it has none."""
+    first: dict[tuple[str, str], Metric] = {}
+    for row in rows:
+        for metric in row:
+            first.setdefault((metric.key, metric.unit), metric)
+    by_row = [{(metric.key, metric.unit): metric.value for metric in row} for row in rows]
+    return [(metric, [values.get(column, np.nan) for values in by_row]) for column, metric in first.items()]
 
 
-def _shown(value: float) -> str:
-    """Three significant digits, whole numbers as such."""
+def _mean(values: Sequence[float]) -> float:
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else np.nan
+
+
+def _decimals(values: Sequence[float]) -> int:
+    """Decimals at which the median of a column shows three digits; none for whole numbers."""
+    sizes = [abs(value) for value in values if np.isfinite(value) and value != 0]
+    if all(size == round(size) for size in sizes):
+        return 0
+    return min(max(2 - int(np.floor(np.log10(np.median(sizes)))), 0), 6)
+
+
+def _shown(value: float, decimals: int) -> str:
     if not np.isfinite(value):
         return "–"
-    return f"{value:.0f}" if value == round(value) and abs(value) >= 2 else f"{value:.3g}"
+    if 0 < abs(value) < 0.5 * 10.0**-decimals:
+        return f"{value:.1e}"  # "0.000" would say that it is zero
+    return f"{value + 0.0:.{decimals}f}"  # + 0.0: never "-0"
