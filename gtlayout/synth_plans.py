@@ -19,6 +19,8 @@ from gtlayout.scene import FloatArray, Label
 CROOKED_M = 0.05
 SKEW_DEG = 6.0
 """Walls of a ``polygon`` room are at least so far from parallel and from square to each other."""
+MIN_DENT_DEG = 25.0
+"""A corner of it that points inwards does so by that much."""
 HEADROOM_M = 2.0
 """Lower places below a slanted ceiling are no good for standing or for tall furniture."""
 LAMP_M = 0.3
@@ -284,14 +286,15 @@ def _crooked(corners: Sequence[tuple[float, float]], rng: np.random.Generator) -
 
 def _skew_outline(rng: np.random.Generator) -> FloatArray:
     """(5 or 6, 2) counter-clockwise corners, first tried, then looked at."""
+    dented = rng.uniform() < 0.4
+    radii_m = np.array([3.1, 3.3] if dented else [2.7, 2.9])
     while True:
         count = int(rng.integers(5, 7))
         angle = 2 * np.pi * (np.arange(count) + rng.uniform(-0.22, 0.22, count) + rng.uniform()) / count
-        outline = rng.uniform(0.85, 1.15, (count, 1)) * np.column_stack([2.7 * np.cos(angle), 2.9 * np.sin(angle)])
-        if rng.uniform() < 0.4:
-            # Only a corner of the far half: the near one is for cameras.
-            inwards = int(np.argmax(outline[:, 1]))
-            outline[inwards] *= 0.3
+        outline = rng.uniform(0.85, 1.15, (count, 1)) * radii_m * np.column_stack([np.cos(angle), np.sin(angle)])
+        if dented:
+            # The farthest corner: the near end is for cameras.
+            outline[np.argmax(outline[:, 1])] *= 0.25
         sides = np.roll(outline, -1, axis=0) - outline
         turn_deg = np.rad2deg(np.arctan2(*_cross_dot(np.roll(sides, 1, axis=0), sides)))
         direction_deg = np.rad2deg(np.arctan2(sides[:, 1], sides[:, 0]))
@@ -302,6 +305,7 @@ def _skew_outline(rng: np.random.Generator) -> FloatArray:
             off_right_angle_deg > SKEW_DEG
             and np.linalg.norm(sides, axis=1).min() > 1.4
             and np.abs(turn_deg).max() < 110
+            and (turn_deg.min() < -MIN_DENT_DEG if dented else turn_deg.min() > 0)
             and 12 < area < 22
         ):
             return outline - outline.min(axis=0)

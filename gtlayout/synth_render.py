@@ -69,7 +69,7 @@ def cast(surfaces: tuple[Surface, ...], camera: Camera, oversample: int = 1) -> 
         window = np.s_[low[1] : high[1], low[0] : high[0]]
         x_px = (np.arange(low[0], high[0]) + 0.5) / oversample
         y_px = (np.arange(low[1], high[1]) + 0.5) / oversample
-        row = _uv1_over_z(surface, camera)[2]
+        row = uv1_over_z(surface, camera)[2]
         surface_inverse_depth = (row[0] * x_px + row[2])[None, :] + (row[1] * y_px)[:, None]
         nearer = fill([outline * oversample - low], len(y_px), len(x_px))
         nearer &= surface_inverse_depth > inverse_depth[window] * _COPLANAR
@@ -92,7 +92,7 @@ def shade(surfaces: tuple[Surface, ...], camera: Camera, hits: Cast) -> Texture:
         depth = hits.depth.ravel()[at].astype(np.float32)
         pixels = np.stack([at % width + 0.5, at // width + 0.5, np.full(len(at), hits.oversample)]).astype(np.float32)
         texels_per_metre = 1 / TEXEL_M
-        uv_from_samples = _uv1_over_z(surface, camera)[:2] * (texels_per_metre / hits.oversample)
+        uv_from_samples = uv1_over_z(surface, camera)[:2] * (texels_per_metre / hits.oversample)
         uv_texels = (uv_from_samples.astype(np.float32) @ pixels) * depth
         # A sample covers z³ / (f² · distance) of a plane: longer than wide where the view is oblique, the mean decides.
         distance = surface.normal @ camera.center_world + surface.d
@@ -105,7 +105,13 @@ def shade(surfaces: tuple[Surface, ...], camera: Camera, hits: Cast) -> Texture:
     return picture.astype(np.float32)
 
 
-def _uv1_over_z(surface: Surface, camera: Camera) -> FloatArray:
+def inverse_depth(surface: Surface, camera: Camera, points_px: FloatArray) -> FloatArray:
+    """(N,) inverse depths along the camera's z of a surface's plane at (N, 2) px, 1/m."""
+    row = uv1_over_z(surface, camera)[2]
+    return points_px @ row[:2] + row[2]
+
+
+def uv1_over_z(surface: Surface, camera: Camera) -> FloatArray:
     """(3, 3) matrix taking (x_px, y_px, 1) to (u, v, 1) / depth on the surface's plane."""
     axes_cam = surface.frame.axes @ camera.R_cam_from_world.T
     origin_cam = camera.R_cam_from_world @ surface.frame.origin + camera.t_cam_from_world
