@@ -75,6 +75,8 @@ class Frame:
     """Resamples the image file (or its depth map) to ``camera``; None when the file is pinhole already."""
     depth_path: Path | None = None
     """Depth along z in uint16 millimetres, 0 = none; None when the scene has no depth for this frame."""
+    register_depth: Callable[[npt.NDArray[np.uint16]], npt.NDArray[np.uint16]] | None = None
+    """Resamples the depth map, which has a camera of its own, to ``camera``; None when it is like the image file."""
 
 
 @dataclass(frozen=True)

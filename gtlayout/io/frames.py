@@ -12,6 +12,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import decode
+from gtlayout.io.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage
 from gtlayout.io.undistort import undistortion
 from gtlayout.scene import Camera, Frame
@@ -70,7 +71,16 @@ def _frame(root: Path, image: PosedImage) -> Frame:
         height=int(pinhole.height),
     )
     depth_path = _depth_path(root, image)
-    return Frame(image.name, image.image_path, camera, undistort, depth_path if depth_path.is_file() else None)
+    return Frame(
+        image.name,
+        image.image_path,
+        camera,
+        undistort,
+        depth_path if depth_path.is_file() else None,
+        Registration(image.depth_camera, Pinhole(camera.K, camera.width, camera.height))
+        if image.depth_camera
+        else None,
+    )
 
 
 def _depth_path(root: Path, image: PosedImage) -> Path:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,33 +15,46 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.scene import Frame, ImageArray
 
 MM_PER_UNIT = 1000.0
+SATURATED = np.iinfo(np.uint16).max
+"""What some sensors write where they measured nothing."""
 
 
 def read_rgb(frame: Frame) -> ImageArray:
     """(H, W, 3) uint8 RGB, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    bgr = _to_camera(decode(frame.image_path, cv2.IMREAD_COLOR), frame, frame.image_path)
+    bgr = _to_camera(decode(frame.image_path, cv2.IMREAD_COLOR), frame, frame.image_path, None)
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
 def read_gray(frame: Frame) -> ImageArray:
     """(H, W) uint8, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    image = _to_camera(decode(frame.image_path, cv2.IMREAD_GRAYSCALE), frame, frame.image_path)
+    image = _to_camera(decode(frame.image_path, cv2.IMREAD_GRAYSCALE), frame, frame.image_path, None)
     return image.astype(np.uint8, copy=False)
 
 
 def read_depth(frame: Frame) -> npt.NDArray[np.float32]:
-    """(H, W) depth along the camera's z in world units (the file's millimetres / 1000), NaN = none.
+    """(H, W) depth along the camera's z in world units (the file's millimetres / 1000), NaN = none (0 and 65535).
 
     Raises GtlayoutError when the frame has no depth map, or it cannot be read, is no 16-bit grey image, or does not
-    have the size of the frame's image.
+    have the size of its camera.
     """
     if frame.depth_path is None:
         raise GtlayoutError(f"frame {frame.name} has no depth map")
     raw = decode(frame.depth_path, cv2.IMREAD_UNCHANGED)
     if raw.dtype != np.uint16 or raw.ndim != 2:
         raise GtlayoutError(f"{frame.depth_path} is no depth map: 16-bit grey is expected")
-    depth_mm = _to_camera(raw, frame, frame.depth_path)
-    return np.where(depth_mm > 0, depth_mm / np.float32(MM_PER_UNIT), np.float32(np.nan)).astype(np.float32)
+    depth_mm = _to_camera(raw, frame, frame.depth_path, frame.register_depth)
+    measured = (depth_mm > 0) & (depth_mm < SATURATED)
+    return np.where(measured, depth_mm / np.float32(MM_PER_UNIT), np.float32(np.nan)).astype(np.float32)
+
+
+def size_of_first(paths: Iterable[Path]) -> tuple[int, int] | None:
+    """(width, height) px of the first image that can be read; None when there is none."""
+    for path in paths:
+        if path.is_file():
+            with suppress(GtlayoutError):
+                height, width = decode(path, cv2.IMREAD_UNCHANGED).shape[:2]
+                return width, height
+    return None
 
 
 def decode(path: Path, mode: int) -> npt.NDArray[Any]:
@@ -62,10 +77,13 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
     return image
 
 
-def _to_camera(image: npt.NDArray[Any], frame: Frame, path: Path) -> npt.NDArray[Any]:
-    if frame.undistort is not None:
+def _to_camera(
+    image: npt.NDArray[Any], frame: Frame, path: Path, register: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
+) -> npt.NDArray[Any]:
+    resample = register or frame.undistort
+    if resample is not None:
         try:
-            return frame.undistort(image)
+            return resample(image)
         except GtlayoutError as error:
             raise GtlayoutError(f"{path}: {error}") from error
     height, width = image.shape[:2]

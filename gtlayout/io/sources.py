@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 
 import pycolmap
 
+from gtlayout.io.registration import Pinhole
 from gtlayout.scene import FloatArray
 
 T = TypeVar("T")
@@ -33,6 +34,8 @@ class PosedImage:
     """(3,) translation, world unit."""
     depth_path: Path | None = None
     """Depth map the camera file names for it; None = look in ``depth/``."""
+    depth_camera: Pinhole | None = None
+    """Camera of the depth map, with the image's pose; None = the depth map is like the image file."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,8 @@ class PosedImages:
 
     images: tuple[PosedImage, ...]
     warnings: tuple[str, ...] = ()
+    metric: bool | None = None
+    """Whether the format's unit is the metre; None = it does not say."""
 
 
 @dataclass(frozen=True)
