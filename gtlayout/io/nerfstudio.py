@@ -12,6 +12,7 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import path_inside, read_json, write_json_atomic
+from gtlayout.io.poses import nearest_rotation
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray, Frame
 
@@ -20,8 +21,6 @@ OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 FISHEYE = "OPENCV_FISHEYE"
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
-MAX_ROTATION_ERROR = 1e-3
-"""|RᵀR - I| up to which a rotation counts as rounded, not wrong."""
 
 
 def read_transforms(root: Path, path: Path) -> PosedImages:
@@ -67,11 +66,13 @@ def _posed_image(entry: Any, index: int, data: dict[str, Any], root: Path, path:
     if depth is not None and not isinstance(depth, str):
         raise GtlayoutError(f"{where}: depth_file_path must be a string")
     images = root / "images"
+    R_cam_from_world, t_cam_from_world = _pose(entry.get("transform_matrix"), where)
     return PosedImage(
         name=image_path.relative_to(images if image_path.is_relative_to(images) else root).as_posix(),
         image_path=image_path,
         camera=_lens({**data, **entry}, where),
-        **_pose(entry.get("transform_matrix"), where),
+        R_cam_from_world=R_cam_from_world,
+        t_cam_from_world=t_cam_from_world,
         depth_path=None if depth is None else path_inside(root, depth, where),
     )
 
@@ -107,25 +108,19 @@ def _lens(values: dict[str, Any], where: str) -> pycolmap.Camera:
     return pycolmap.Camera(model=model, width=int(width), height=int(height), params=pinhole + distortion)
 
 
-def _pose(value: Any, where: str) -> dict[str, FloatArray]:
-    """The rotation and translation of ``cam_from_world`` as keyword arguments of PosedImage."""
+def _pose(value: Any, where: str) -> tuple[FloatArray, FloatArray]:
+    """The rotation and translation of ``cam_from_world``."""
     try:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape not in ((4, 4), (3, 4)) or not np.all(np.isfinite(matrix)):
         raise GtlayoutError(f"{where}: transform_matrix must be 4x4 (or 3x4) finite numbers")
-    rotation = matrix[:3, :3]
-    off = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if (
-        off > MAX_ROTATION_ERROR
-        or np.linalg.det(rotation) < 0
-        or (len(matrix) == 4 and tuple(matrix[3]) != (0, 0, 0, 1))
-    ):
-        raise GtlayoutError(f"{where}: transform_matrix is no rotation and translation (off by {off:.2g})")
-    u, _, vt = np.linalg.svd(rotation)
-    R_cam_from_world = (u @ vt @ OPENGL_FROM_OPENCV).T
-    return {"R_cam_from_world": R_cam_from_world, "t_cam_from_world": -R_cam_from_world @ matrix[:3, 3]}
+    if len(matrix) == 4 and tuple(matrix[3]) != (0, 0, 0, 1):
+        raise GtlayoutError(f"{where}: transform_matrix must end with the row 0 0 0 1")
+    rotation = nearest_rotation(matrix[:3, :3], f"{where}: the left 3x4 of transform_matrix")
+    R_cam_from_world = (rotation @ OPENGL_FROM_OPENCV).T
+    return R_cam_from_world, -R_cam_from_world @ matrix[:3, 3]
 
 
 def _intrinsics_of(frame: Frame) -> dict[str, float]:
