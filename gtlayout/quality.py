@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,7 +12,7 @@ from gtlayout.config import QualityConfig
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth, render
-from gtlayout.scene import IntArray, Scene
+from gtlayout.scene import Camera, IntArray, Scene
 
 Verdict = Literal["ok", "weak", "unobservable"]
 
@@ -74,28 +74,17 @@ def assess(
     config: QualityConfig,
 ) -> Quality:
     """Render the layout into every key frame and compare it with the annotation."""
-    elements = []
-    for k in range(len(scene.key_frames)):
-        rendered, _ = render(planes, extents, instances, scene.frame_of(k).camera)
-        overlap = _overlap(rendered, annotated_labels(scene, instances, k), len(instances))
-        for i, instance in enumerate(instances):
-            own = [i, *(j for j, other in enumerate(instances) if other.host == i)]
-            for frame, element in instance.members:
-                if frame == k:
-                    elements.append(ElementIoU(k, element, i, _iou(overlap, own)))
+    elements = element_ious(scene, instances, lambda camera: render(planes, extents, instances, camera)[0])
     hosted = [instance.host is not None for instance in instances]
-    frames = [
-        [e.iou for e in elements if e.key_frame == k and not hosted[e.instance]] for k in range(len(scene.key_frames))
-    ]
-    frame_ious = [float(np.mean(ious)) if ious else np.nan for ious in frames]
+    frame_ious = mean_by_frame(scene, instances, elements)
     iou = float(np.nanmean(frame_ious))
     in_walls = [e.iou for e in elements if hosted[e.instance]]
     return Quality(
         iou=iou,
         accepted=iou >= config.accept_iou,
         openings_iou=float(np.mean(in_walls)) if in_walls else None,
-        frames=tuple(frame_ious),
-        elements=tuple(elements),
+        frames=frame_ious,
+        elements=elements,
         instances=tuple(
             _judge(scene, instance, plane, [e.iou for e in elements if e.instance == i], config)
             for i, (instance, plane) in enumerate(zip(instances, planes, strict=True))
@@ -103,6 +92,31 @@ def assess(
         worst_frame=int(np.nanargmin(frame_ious)),
         worst_element=int(np.argmin([e.iou for e in elements])),
     )
+
+
+def element_ious(
+    scene: Scene, instances: Sequence[Instance], seen_by: Callable[[Camera], LabelImage]
+) -> tuple[ElementIoU, ...]:
+    """Every annotated element against a rendering: ``seen_by`` gives (H, W) instances, -1 where there is nothing."""
+    elements = []
+    for k in range(len(scene.key_frames)):
+        rendered = seen_by(scene.frame_of(k).camera)
+        overlap = _overlap(rendered, annotated_labels(scene, instances, k), len(instances))
+        for i, instance in enumerate(instances):
+            own = [i, *(j for j, other in enumerate(instances) if other.host == i)]
+            for frame, element in instance.members:
+                if frame == k:
+                    elements.append(ElementIoU(k, element, i, _iou(overlap, own)))
+    return tuple(elements)
+
+
+def mean_by_frame(scene: Scene, instances: Sequence[Instance], elements: Sequence[ElementIoU]) -> tuple[float, ...]:
+    """Mean IoU of the structural elements in each key frame; NaN for one that shows nothing but doors and windows."""
+    hosted = [instance.host is not None for instance in instances]
+    frames = [
+        [e.iou for e in elements if e.key_frame == k and not hosted[e.instance]] for k in range(len(scene.key_frames))
+    ]
+    return tuple(float(np.mean(ious)) if ious else np.nan for ious in frames)
 
 
 def _overlap(rendered: LabelImage, annotated: LabelImage, count: int) -> IntArray:
