@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import colmap, native, nerfstudio
+from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -15,8 +15,13 @@ from gtlayout.scene import Scene
 
 T = TypeVar("T")
 
-CAMERA_READERS: tuple[Reader[PosedImages], ...] = (colmap.READER, nerfstudio.READER)
-ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER,)
+CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
+    colmap.READER,
+    nerfstudio.READER,
+    cad_estate.CAMERA_READER,
+    scannet.READER,
+)
+ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
 SCENE_FILE = "scene.json"
 
 
@@ -24,10 +29,11 @@ def load_scene(root: Path) -> Scene:
     """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none).
+    thousandths of the cameras' unit along z, 0 = none); CAD-Estate and ScanNet have places of their own for both.
 
-    Neither COLMAP nor nerfstudio says what its unit is. The scene counts as metric when depth maps come with it (they
-    are millimetres), else not; ``scene.json`` with ``{"metric": true}`` or ``{"metric": false}`` overrules that.
+    ScanNet is metric. COLMAP, nerfstudio and CAD-Estate do not say what their unit is: their scenes count as metric
+    when depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
+    ``{"metric": false}`` overrules both.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
     what was repaired or skipped stands in ``Scene.warnings``.
@@ -39,6 +45,8 @@ def load_scene(root: Path) -> Scene:
     metric = _metric_said(root / SCENE_FILE)
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
     key_frames, key_frame_warnings = build_key_frames(annotations, frames, without_image)
+    if metric is None:
+        metric = cameras.metric
     if metric is None:
         metric = any(frame.depth_path for frame in frames)
     warnings = (*cameras.warnings, *annotations.warnings, *frame_warnings, *key_frame_warnings)

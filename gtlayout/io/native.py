@@ -51,8 +51,8 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
                 {
                     "id": element.id,
                     "label": element.label,
-                    "polygons": _rings(element.amodal),
-                    "visible": _rings(element.visible),
+                    "polygons": simple_rings(element.amodal),
+                    "visible": simple_rings(element.visible),
                 }
                 for element in key_frame.elements
             ],
@@ -61,6 +61,12 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
         for key_frame in key_frames
     ]
     write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if sizes else None, "frames": entries})
+
+
+def simple_rings(region: MultiPolygon) -> list[FloatArray]:
+    """(N, 2) outer rings, without the closing point, of pieces without holes that make up the region."""
+    pieces = [piece for polygon in region.geoms for piece in _without_holes(polygon)]
+    return [np.array(piece.exterior.coords)[:-1] for piece in pieces]
 
 
 def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) -> RawKeyFrame:
@@ -117,12 +123,6 @@ def _image_size(value: Any, path: Path) -> tuple[int, int] | None:
     if not isinstance(value, list) or len(value) != 2 or not all(type(v) is int and 0 < v <= MAX_PX for v in value):
         raise GtlayoutError(f"{path}: image_size must be [width, height] in pixels, not {value!r}")
     return value[0], value[1]
-
-
-def _rings(region: MultiPolygon) -> list[FloatArray]:
-    """Outer rings, without the closing point, of pieces without holes."""
-    pieces = [piece for polygon in region.geoms for piece in _without_holes(polygon)]
-    return [np.array(piece.exterior.coords)[:-1] for piece in pieces]
 
 
 def _without_holes(polygon: Polygon) -> Iterable[Polygon]:

@@ -1,0 +1,198 @@
+"""CAD-Estate: ``frames.json`` with the cameras of a RealEstate10K clip, and structure annotations as masks.
+
+A scene folder is a clip's folder as it is in the release, ``annotations/<clip>``, with ``frames.json``,
+``room_structure.npz`` and ``structure_annotations/``. Its frames, ``<video>_<timestamp>.jpg``, may be where the script
+of the release puts them (``frames/<video>/`` beside ``annotations/``), or in ``<video>/`` or ``images/`` in the folder.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pycolmap
+from scipy.spatial.transform import Rotation
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import read_json
+from gtlayout.io.images import decode, size_of_first
+from gtlayout.io.masks import mask_polygons
+from gtlayout.io.native import simple_rings
+from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
+from gtlayout.io.room_structure import read_room_structure
+from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawElement, RawKeyFrame, Reader
+from gtlayout.scene import FloatArray, ImageArray, Label
+
+FRAMES_FILE = "frames.json"
+MASKS_FOLDER = "structure_annotations"
+STRUCTURE_MASK, VISIBLE_MASK = "processed_structure_", "processed_visible_"
+"""The raw ones are numbered frame by frame, and nothing says which label a number has."""
+CLIP_NAME = re.compile(r"([\w-]+)_\d+")
+"""Video and start."""
+MAX_QUATERNION_ERROR = 1e-3
+MAX_STRETCH = 0.01
+"""A video's frames may come in another size than the annotators saw, but not in another shape."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """frames.json, and the size of the image files."""
+
+    video: str
+    frames: tuple[dict[str, Any], ...]
+    folder: Path
+    """Where the images are."""
+    size: tuple[int, int]
+    """(width, height) px of the image files."""
+    scale: FloatArray
+    """(2,) x and y: pixels of the image files per pixel of the intrinsics."""
+
+
+def read_frames(root: Path, path: Path) -> PosedImages:
+    """Read ``frames.json``: world-to-camera, intrinsics in pixels of ``image_size``, or of the images if that is null.
+
+    Images may have another size than ``image_size``: intrinsics are scaled to them.
+    Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, or not a rotation.
+    """
+    clip = _clip(root, path)
+    return PosedImages(tuple(_posed_image(frame, i, clip, path) for i, frame in enumerate(clip.frames)))
+
+
+def read_masks(root: Path, path: Path) -> RawAnnotations:
+    """Read the processed masks: each region becomes polygons, with the label that ``room_structure.npz`` gives it.
+
+    Ids are the masks' numbers. Masks may have another size than the images: polygons are scaled to them.
+    Raises GtlayoutError naming the mask when it is no 8-bit grey image or holds a number without a label.
+    """
+    masks = sorted(path.glob(f"{STRUCTURE_MASK}*.png"))
+    if not masks:
+        raise GtlayoutError(f"{path} holds no mask; looked for {STRUCTURE_MASK}<video>_<timestamp>.png")
+    labels = read_room_structure(root / STRUCTURE_FILE).labels
+    frames_file = root / FRAMES_FILE
+    size = _clip(root, frames_file).size if frames_file.exists() else None
+    key_frames, warnings = [], [f"{path}: masks carry no occlusion edges, so neighbours are taken to touch everywhere"]
+    without_visible = []
+    for mask in masks:
+        visible = mask.with_name(VISIBLE_MASK + mask.name.removeprefix(STRUCTURE_MASK))
+        if not visible.exists():
+            without_visible.append(visible.name)
+        key_frames.append(_key_frame(mask, visible, labels, size))
+    if without_visible:
+        count = f"{len(without_visible)} of {len(masks)} key frames"
+        warnings.append(f"{path}: {count} have no mask of visible parts, first {without_visible[0]}")
+    return RawAnnotations(path, tuple(key_frames), tuple(warnings))
+
+
+def _clip(root: Path, path: Path) -> Clip:
+    data = read_json(path)
+    name, frames = data.get("clip_name"), data.get("frames")
+    match = CLIP_NAME.fullmatch(name) if isinstance(name, str) else None
+    if match is None:
+        raise GtlayoutError(f"{path}: clip_name must be <video>_<start>, not {name!r}")
+    if not isinstance(frames, list) or not frames:
+        raise GtlayoutError(f"{path} has no frames")
+    for i, frame in enumerate(frames):
+        if not isinstance(frame, dict) or type(frame.get("timestamp")) is not int:
+            raise GtlayoutError(f"{path}: frame number {i} has no timestamp in whole microseconds")
+    names = [f"{match[1]}_{frame['timestamp']}.jpg" for frame in frames]
+    folders = (root / match[1], root / "images", root.resolve().parent.parent / "frames" / match[1])
+    folder = next((f for f in folders if any((f / name).is_file() for name in names)), folders[0])
+    size = size_of_first([folder / name for name in names])
+    if size is None:
+        raise GtlayoutError(
+            f"{path}: no image that can be read for any of {len(frames)} frames; looked for {folder / names[0]}"
+        )
+    scale = np.ones(2)
+    if data.get("image_size") is not None:
+        height, width = _numbers(data["image_size"], 2, f"{path}: image_size")
+        if min(width, height) < 1:
+            raise GtlayoutError(f"{path}: image_size must be [height, width] in pixels")
+        scale = np.array(size) / (width, height)
+        if abs(scale[0] / scale[1] - 1) > MAX_STRETCH:
+            said, found = f"{width:g}x{height:g}", f"{size[0]}x{size[1]}"
+            raise GtlayoutError(f"{path}: image_size is {said} (width x height) but images in {folder} are {found}")
+    return Clip(match[1], tuple(frames), folder, size, scale)
+
+
+def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> PosedImage:
+    where = f"{path}: frame {frame['timestamp']}"
+    pose = frame.get("extrinsics")
+    if not isinstance(pose, dict):
+        raise GtlayoutError(f"{where} has no extrinsics")
+    fx, fy, cx, cy = _numbers(frame.get("intrinsics"), 4, f"{where}: intrinsics")
+    if min(fx, fy) <= 0:
+        raise GtlayoutError(f"{where}: focal lengths must be positive")
+    w, x, y, z = quat_wxyz = _numbers(pose.get("rotation"), 4, f"{where}: rotation")
+    if abs(np.linalg.norm(quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
+        raise GtlayoutError(f"{where}: rotation is no unit quaternion")
+    name = f"{clip.video}_{frame['timestamp']}.jpg"
+    (width, height), (scale_x, scale_y) = clip.size, clip.scale
+    return PosedImage(
+        name,
+        clip.folder / name,
+        pycolmap.Camera(
+            model="PINHOLE", width=width, height=height, params=[fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y]
+        ),
+        np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64),
+        np.array(_numbers(pose.get("translation"), 3, f"{where}: translation")),
+    )
+
+
+def _numbers(value: Any, count: int, where: str) -> list[float]:
+    if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
+        raise GtlayoutError(f"{where} must be {count} finite numbers, not {value!r}")
+    return [float(v) for v in value]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _key_frame(
+    mask: Path, visible: Path, labels: tuple[Label | None, ...], image_size: tuple[int, int] | None
+) -> RawKeyFrame:
+    structure = _read_mask(mask)
+    numbers = [int(number) for number in np.unique(structure) if number]
+    if numbers and numbers[-1] >= len(labels):
+        raise GtlayoutError(f"{mask}: element {numbers[-1]} has no label in {STRUCTURE_FILE}, which has {len(labels)}")
+    height, width = structure.shape
+    seen = _read_mask(visible) if visible.exists() else np.zeros_like(structure)
+    if seen.shape != structure.shape:
+        raise GtlayoutError(f"{visible} is {seen.shape[1]}x{seen.shape[0]} px, {mask.name} is {width}x{height}")
+    # Masks that only say that something is visible, not what, are understood, too.
+    only = set(np.unique(seen)) - {0}
+    seen = np.where(seen > 0, structure, 0) if only in ({1}, {255}) else seen
+    scale = np.array(image_size or (width, height)) / (width, height)
+    elements = []
+    for number in numbers:
+        if (label := labels[number]) is not None:
+            own = structure == number
+            regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
+            polygons, visible_parts = (tuple(ring * scale for ring in rings) for rings in regions)
+            elements.append(RawElement(str(number), label, polygons, visible_parts))
+    image = mask.stem.removeprefix(STRUCTURE_MASK) + ".jpg"
+    return RawKeyFrame(image, tuple(elements), (), image_size or (width, height))
+
+
+def _read_mask(path: Path) -> ImageArray:
+    mask = decode(path, cv2.IMREAD_UNCHANGED)
+    if mask.ndim != 2 or not np.issubdtype(mask.dtype, np.integer) or mask.max() > np.iinfo(np.uint8).max:
+        raise GtlayoutError(f"{path} is no mask: 8-bit grey is expected")
+    return mask.astype(np.uint8)
+
+
+def _detect_frames(root: Path) -> list[Path]:
+    return [root / FRAMES_FILE] if (root / FRAMES_FILE).exists() else []
+
+
+def _detect_masks(root: Path) -> list[Path]:
+    return [root / MASKS_FOLDER] if (root / MASKS_FOLDER).is_dir() else []
+
+
+CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, _detect_frames, read_frames)
+ANNOTATION_READER = Reader("CAD-Estate", MASKS_FOLDER, _detect_masks, read_masks)
