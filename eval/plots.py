@@ -96,8 +96,8 @@ def sigma_against_error(
     Args:
         path: where the picture goes, .png or .svg.
         sigma: (N,) predicted, in ``unit``. What is not finite or not positive is left out, with its error.
-        error: (N,) absolute errors, in ``unit``. NaN is left out; what is far below the smallest σ is drawn at the
-            lower border.
+        error: (N,) absolute errors, in ``unit``. NaN is left out; what is below a thousandth of the smallest
+            σ is drawn at the lower border.
         groups: (N,) what each point is (floor, wall …): its colour and marker.
         quantity: what is predicted, such as ``offset``.
         unit: ``m``, ``°`` …
@@ -112,7 +112,8 @@ def sigma_against_error(
         figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
         panel = figure.subplots()
         low, high = ends = _limits(x, log=True)
-        bottom, top = low / 30, max(3 * high, 1.3 * float(y.max(initial=0.0)))
+        bottom = max(low / 1000, float(y[y > 0].min(initial=low)) / 1.3)
+        top = max(3 * high, 1.3 * float(y.max(initial=0.0)))
         for factor, name, dash in ((1, "σ", "solid"), (2, "2σ", "dashed")):
             share = f"{np.mean(y <= factor * x):.0%}" if len(x) else "–"
             line = factor * np.array(ends)
@@ -145,10 +146,10 @@ def _draw_pairs(
     for k, (method, values) in enumerate(others, start=1):
         both = np.isfinite(values) & np.isfinite(first)
         x, y = (np.maximum(of[both], limits[0]) for of in (values, first))
-        better = np.count_nonzero(first[both] > values[both] if higher_is_better else first[both] < values[both])
-        panel.scatter(x, y, label=f"{method}: {ours} better in {better} of {len(x)}", **_points(k, len(first)))
-    panel.set_xlabel(f"{label}: {others[0][0] if len(others) == 1 else 'others'}")
-    panel.set_ylabel(f"{label}: {ours}")
+        worse = np.count_nonzero(values[both] < first[both] if higher_is_better else values[both] > first[both])
+        panel.scatter(x, y, label=f"{method}: worse in {worse} of {len(x)}", **_points(k, len(first)))
+    panel.set_xlabel(f"{label}\n{others[0][0] if len(others) == 1 else 'others'}")
+    panel.set_ylabel(f"{ours}\n{label}")
     panel.set_box_aspect(1)
     _scale(panel, "xy", limits, log)
     _legend(figure, panel, columns=1)

@@ -85,7 +85,7 @@ def test_legend_counts_scenes_medians_and_failures(tmp_path: Path) -> None:
     per_scene(tmp_path / "p.svg", {"ours": ours, "other": other}, "ε, m", higher_is_better=False, log=True)
     text = (tmp_path / "p.svg").read_text()
     for label in (
-        "other: ours better in 1 of 3",
+        "other: worse in 1 of 3",
         "ours: median 0.100",
         "other: median 0.300, 2 failed",
         "% of 5 scenes",
