@@ -78,11 +78,11 @@ def solve(
 
     config = Config(seed=seed, restarts=restarts)
     scene = load_scene(scene_dir)
-    with _progress() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
+    with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
         solution = solve_scene(scene, config, observer)
         write_results(out_dir, solution.scene, solution.layout, solution.quality, config)
 
-    console = _stdout()
+    console = stdout()
     console.print(element_table(solution.layout, solution.quality))
     for reason in reasons(solution.layout, solution.quality):
         console.print(reason, style="yellow")
@@ -119,7 +119,7 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     from gtlayout.report_table import evaluation_table
 
     evaluation = evaluate_layout(load_scene(scene_dir), read_layout(layout or scene_dir / RESULTS))
-    _stdout().print(evaluation_table(evaluation))
+    stdout().print(evaluation_table(evaluation))
     if json is not None:
         write_json_atomic(json, asdict(evaluation))
 
@@ -138,37 +138,11 @@ def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
     open_log((layout or scene_dir / RESULTS) / LOG)
 
 
-@app.command
-def synth(
-    out: Annotated[Path, Parameter(name="OUT")],
-    /,
-    *,
-    seed: int = 0,
-    frames: Positive = 60,
-    width: Positive = 480,
-    height: Positive = 360,
-) -> None:
-    """Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.
-
-    Parameters
-    ----------
-    out
-        Folder to make; it must not exist or be empty.
-    seed
-        Which room, camera path and noise.
-    frames
-        Length of the video.
-    width
-        Image width, px.
-    height
-        Image height, px.
-    """
-    from gtlayout.synth import SynthConfig, synthesize
-
-    with _progress() as progress:
-        progress.stage("synthesis")
-        synthesize(out, SynthConfig(seed=seed, frames=frames, width=width, height=height), progress.progress)
-    _stdout().print(f"Scene: {out}")
+app.command(
+    "gtlayout.cli_synth:synth",
+    name="synth",
+    help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -186,7 +160,7 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _stdout() -> Console:
+def stdout() -> Console:
     """Prints text as it is, never wrapped: paths and names stay whole in a log."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
@@ -214,7 +188,7 @@ class _ProgressBars(Observer):
 
 
 @contextmanager
-def _progress() -> Iterator[Observer]:
+def progress_bars() -> Iterator[Observer]:
     """Progress bars on stderr; nothing when that is not a terminal."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())

@@ -1,77 +1,54 @@
-"""Synthetic scenes with known truth: a furnished room, a hand-held camera, images, hand-drawn-like annotations."""
+"""Synthetic scenes with known truth: a furnished room, a moving camera, images, hand-drawn-like annotations."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io import SCENE_FILE, load_scene
+from gtlayout.io.cad_estate_export import write_cad_estate
+from gtlayout.io.colmap import write_colmap
 from gtlayout.io.files import write_atomic, write_json_atomic
 from gtlayout.io.native import write_annotations
 from gtlayout.io.nerfstudio import write_transforms
+from gtlayout.io.re10k import read_cameras
+from gtlayout.io.scannet import write_scannet
 from gtlayout.io.truth import FILE as TRUTH_FILE
-from gtlayout.scene import Camera, FloatArray, Frame, ImageArray, KeyFrame
+from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame, Scene
 from gtlayout.synth_annotate import annotate
-from gtlayout.synth_render import cast, shade
+from gtlayout.synth_config import HFOV_DEG, SceneFormat, SynthConfig
+from gtlayout.synth_errors import disturb, disturb_cameras
+from gtlayout.synth_extents import seen_extents
+from gtlayout.synth_images import cameras_along, developed, encoded, exposures, gains, picture
+from gtlayout.synth_motion import CameraPath
+from gtlayout.synth_paths import dolly_path, orbit_path, replay_path, rotation_path
+from gtlayout.synth_render import cast
 from gtlayout.synth_room import Room, make_room
 
-EYE_HEIGHT_M = 1.5
-STEP_DEG = 1.7
-"""The camera's advance along its arc per frame."""
-MAX_SWEEP_DEG = 100.0
-PITCH_DEG = -5.0
-SWAY_M, SWAY_DEG = 0.02, 0.6
-"""σ of the hand's unsteadiness about the arc."""
-SWAY_FRAMES = 8
-"""… which turns about once in so many frames."""
+__all__ = ["Shot", "SynthConfig", "shoot", "synthesize"]
+
+MAX_DEPTH_M = 65.0
+"""As far as 16 bits of millimetres reach."""
+EXPORTERS: dict[SceneFormat, Callable[[Scene, Path], None]] = {
+    "cad-estate": write_cad_estate,
+    "scannet": write_scannet,
+}
+"""Formats that are made from a native scene; each carries the truth along under its own names."""
 
 
 @dataclass(frozen=True)
-class SynthConfig:
-    """One synthetic scene."""
+class Shot:
+    """The true cameras of a video."""
 
-    seed: int = 0
-    """Room, camera path, jitter and noise follow from it."""
-    frames: int = 60
-    width: int = 480
-    """px"""
-    height: int = 360
-    """px"""
-    hfov_deg: float = 65.0
-    """Horizontal field of view."""
-    key_every: int = 8
-    """Frames from one key frame to the next."""
-    noise_sigma: float = 2.0
-    """Image noise, grey levels."""
-    jitter_sigma_px: float = 1.5
-    """How far the annotator's corners are off, per axis."""
-    oversample: int = 2
-    """Rays per pixel and axis."""
-    jpeg_quality: int = 92
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be rendered."""
-        checks = {
-            "seed must not be negative": self.seed >= 0,
-            "frames must be at least 2": self.frames >= 2,
-            "width and height must be 64 to 4096 px": 64
-            <= min(self.width, self.height)
-            <= max(self.width, self.height)
-            <= 4096,
-            "hfov_deg must lie between 20 and 120": 20 <= self.hfov_deg <= 120,
-            "key_every and oversample must be at least 1": min(self.key_every, self.oversample) >= 1,
-            "noise_sigma and jitter_sigma_px must not be negative": min(self.noise_sigma, self.jitter_sigma_px) >= 0,
-            "jpeg_quality must be 1 to 100": 1 <= self.jpeg_quality <= 100,
-        }
-        for problem, fine in checks.items():
-            if not fine:
-                raise GtlayoutError(f"synthetic scene: {problem}")
+    path: CameraPath
+    cameras: tuple[Camera, ...]
+    """One per frame, along ``path``."""
 
 
 def synthesize(
@@ -79,18 +56,22 @@ def synthesize(
 ) -> None:
     """Write the scene ``config`` describes to the folder ``out``: all of it or nothing, the same bytes every time.
 
-    ``images/``, ``transforms.json``, ``annotations.json``, and the truth: ``gt_planes.json`` and, for key frames,
-    ``depth/`` of what is seen, furniture included. ``progress`` is told (frames done, frames in all).
-    Raises GtlayoutError when ``out`` is not an empty or new folder or cannot be written.
+    Images, cameras, annotations, and the truth: ``gt_planes.json`` and, where the format knows depth, maps for the key
+    frames of what is seen, furniture included. Images, depth and planes are of the true world, whatever errors the
+    written cameras have. ``progress`` is told (frames done, frames in all).
+    Raises GtlayoutError when ``out`` is not an empty or new folder or cannot be written, and when the recorded path to
+    replay cannot be read.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
-            scene = Path(folder) / "scene"
-            scene.mkdir()
-            _write_scene(scene, config, progress)
+            scene = Path(folder) / out.name  # the name may mean something: CAD-Estate calls the clip so
+            made = scene if config.format not in EXPORTERS else Path(folder) / ".native"
+            _write_scene(made, config, progress)
+            if made != scene:
+                EXPORTERS[config.format](load_scene(made), scene)
             if out.exists():
                 out.rmdir()
             scene.rename(out)
@@ -98,82 +79,89 @@ def synthesize(
         raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
 
 
-def arc_path(room: Room, config: SynthConfig) -> tuple[Camera, ...]:
-    """Hand-held arc through the near half of a room, looking in: rightwards from the left, leftwards from the right."""
+def shoot(room: Room, config: SynthConfig) -> Shot:
+    """The camera's way through the room.
+
+    A replayed file lends its horizontal field of view and principal point, too, unless ``config`` has one; pixels are
+    square. Raises GtlayoutError when the file cannot be read or the room has no place for the path.
+    """
     rng = np.random.default_rng([config.seed, 1])
-    floor = next(surface for surface in room.surfaces if surface.label == "floor")
-    width_m, length_m = floor.corners_world[:, :2].max(axis=0)
-    sweep_deg = min(MAX_SWEEP_DEG, STEP_DEG * (config.frames - 1)) * rng.choice([-1, 1])
-    arc_deg = np.linspace(-sweep_deg / 2, sweep_deg / 2, config.frames)
-    x = (0.5 + 0.3 * np.sin(np.deg2rad(arc_deg))) * width_m
-    y = (0.5 - 0.33 * np.cos(np.deg2rad(arc_deg))) * length_m
-    sway = _sway(config.frames, rng)
-    centers = np.column_stack([x, y, np.full(config.frames, EYE_HEIGHT_M)]) + SWAY_M * sway[:, :3]
-    angles_deg = np.column_stack([-arc_deg, np.full(config.frames, PITCH_DEG), np.zeros(config.frames)])
-    angles_deg += SWAY_DEG * sway[:, 3:]
-    focal_px = config.width / 2 / np.tan(np.deg2rad(config.hfov_deg) / 2)
-    K = np.array([[focal_px, 0, config.width / 2], [0, focal_px, config.height / 2], [0, 0, 1]])
-    rotations = [looking(*np.deg2rad(each)) for each in angles_deg]
-    return tuple(
-        Camera(K, R_cam_from_world, -R_cam_from_world @ center, config.width, config.height)
-        for R_cam_from_world, center in zip(rotations, centers, strict=True)
-    )
-
-
-def looking(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
-    """(3, 3) ``R_cam_from_world``: yaw from the world's y towards x, pitch upwards, roll clockwise; z is up."""
-    forward = np.array([np.sin(yaw_rad) * np.cos(pitch_rad), np.cos(yaw_rad) * np.cos(pitch_rad), np.sin(pitch_rad)])
-    right = np.array([np.cos(yaw_rad), -np.sin(yaw_rad), 0.0])
-    down = np.cross(forward, right)
-    cos, sin = np.cos(roll_rad), np.sin(roll_rad)
-    return np.stack([cos * right + sin * down, cos * down - sin * right, forward])
-
-
-def _sway(frames: int, rng: np.random.Generator) -> FloatArray:
-    """(frames, 6) smooth unit noise."""
-    knots = np.arange(0, frames + 2 * SWAY_FRAMES, SWAY_FRAMES)
-    spline = CubicSpline(knots, rng.standard_normal((len(knots), 6)))
-    return np.asarray(spline(np.arange(frames)), np.float64)
+    hfov_rad = np.deg2rad(config.hfov_deg or HFOV_DEG)
+    focal_share, center_shares = 0.5 / np.tan(hfov_rad / 2), (0.5, 0.5)
+    if config.replay is not None:
+        recorded = read_cameras(config.replay)
+        last_s = (recorded[-1].timestamp_us - recorded[0].timestamp_us) / 1e6
+        path = replay_path(room, recorded, np.linspace(0, last_s, config.frames), rng)
+        if config.hfov_deg is None:
+            focal_share, center_shares = recorded[0].focal_shares[0], recorded[0].center_shares
+    else:
+        make = {"orbit": orbit_path, "dolly": dolly_path, "rotation": rotation_path}[config.camera]
+        path = make(room, config.frames, rng)
+    focal_px = config.width * focal_share
+    cx, cy = config.width * center_shares[0], config.height * center_shares[1]
+    K = np.array([[focal_px, 0, cx], [0, focal_px, cy], [0, 0, 1]])
+    return Shot(path, cameras_along(path, K, config.width, config.height))
 
 
 def _write_scene(root: Path, config: SynthConfig, progress: Callable[[int, int], None]) -> None:
-    room = make_room(config.seed)
+    room = make_room(config.seed, config.room, config.texture)
+    shot = shoot(room, config)
+    opened = exposures(shot.path, shot.cameras, config.shutter_share)
+    factors = gains(config.frames, config.exposure_sigma_ev, np.random.default_rng([config.seed, 3]))
+    reported = disturb_cameras(shot.cameras, config.camera_errors, np.random.default_rng([config.seed, 4]))
     frames: list[Frame] = []
     key_frames: list[KeyFrame] = []
-    elements: dict[str, dict[str, str]] = {}
+    views: list[tuple[Camera, KeyFrame, dict[str, str]]] = []
     progress(0, config.frames)
-    for number, camera in enumerate(arc_path(room, config)):
+    for number, camera in enumerate(shot.cameras):
         rng = np.random.default_rng([config.seed, 2, number])
-        picture = shade(room.surfaces, camera, cast(room.surfaces, camera, config.oversample))
-        picture += rng.normal(0, config.noise_sigma, picture.shape)
-        frame = Frame(f"{number:06d}.jpg", root / "images" / f"{number:06d}.jpg", camera)
-        pixels = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
-        write_atomic(frame.image_path, _encode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality]))
-        frames.append(frame)
+        light = picture(room.surfaces, opened[number], config.oversample)
+        pixels = developed(light, factors[number], config.noise_sigma, rng)
+        frames.append(Frame(f"{number:06d}.jpg", root / "images" / f"{number:06d}.jpg", reported[number]))
+        jpeg = encoded(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, config.jpeg_quality])
+        write_atomic(frames[-1].image_path, jpeg)
         if number % config.key_every == 0:
             hits = cast(room.surfaces, camera)
-            key_frame, elements[frame.name] = annotate(room, camera, hits, number, config.jitter_sigma_px, rng)
-            key_frames.append(key_frame)
-            depth_mm = np.rint(np.where(hits.depth < 65.0, hits.depth, 0) * 1000).astype(np.uint16)
-            write_atomic(root / "depth" / f"{number:06d}.png", _encode(".png", depth_mm, []))
+            exact, names = annotate(room, camera, hits, number, rng)
+            views.append((camera, exact, names))
+            hand = np.random.default_rng([config.seed, 5, number])
+            key_frames.append(disturb(exact, camera, config.annotator, hand))
+            depth_mm = np.rint(np.where(hits.depth < MAX_DEPTH_M, hits.depth, 0) * 1000).astype(np.uint16)
+            write_atomic(root / "depth" / f"{number:06d}.png", encoded(".png", depth_mm))
         progress(number + 1, config.frames)
-    write_transforms(root / "transforms.json", frames)
+    if config.format == "colmap":
+        write_colmap(root / "sparse/0", frames)
+    else:
+        write_transforms(root / "transforms.json", frames)
     write_annotations(root / "annotations.json", frames, key_frames)
-    write_json_atomic(root / TRUTH_FILE, _truth(room, elements))
-
-
-def _truth(room: Room, elements: dict[str, dict[str, str]]) -> dict[str, object]:
-    """The contents of gt_planes.json: the planes that some key frame shows."""
-    shown = {name for names in elements.values() for name in names.values()}
-    planes = {
-        surface.name: {"label": surface.label, "normal": surface.normal, "d": surface.d, "from_depth": True}
-        for surface in room.structure
-        if surface.name in shown
+    write_json_atomic(root / SCENE_FILE, {"metric": True})
+    elements = {
+        frames[drawn.frame].name: {element.id: names[element.id] for element in drawn.elements}
+        for drawn, (_, _, names) in zip(key_frames, views, strict=True)
     }
-    note = "n.X + d = 0, unit normal towards the cameras, metres; exact. elements: key frame -> element id -> plane."
+    write_json_atomic(root / TRUTH_FILE, _truth(room, elements, seen_extents(room, views)))
+
+
+def _truth(
+    room: Room, elements: Mapping[str, Mapping[str, str]], extents: Mapping[str, Sequence[Sequence[FloatArray]]]
+) -> dict[str, object]:
+    """The contents of gt_planes.json: the planes that some element was drawn of."""
+    drawn = {name for names in elements.values() for name in names.values()}
+    planes = {
+        surface.name: {
+            "label": surface.label,
+            "normal": surface.normal,
+            "d": surface.d,
+            "from_depth": True,
+            "extent": extents[surface.name],
+            "outline": surface.corners_world,
+        }
+        for surface in room.structure
+        if surface.name in drawn
+    }
+    note = (
+        "n.X + d = 0, unit normal towards the cameras, metres; exact. extent: what the annotated frames show of the "
+        "surface, furniture thought away, as polygons, each a shell and its holes; outline: its corners. "
+        "elements: annotated frame -> element id -> plane it truly is on, whatever label was drawn."
+    )
     return {"format": "gtlayout-truth/1", "note": note, "planes": planes, "elements": elements}
-
-
-def _encode(extension: str, image: ImageArray | np.ndarray, parameters: list[int]) -> bytes:
-    _, data = cv2.imencode(extension, image, parameters)
-    return data.tobytes()
