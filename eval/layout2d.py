@@ -2,12 +2,12 @@
 
 The measure is that of the LSUN room layout challenge, as its tool kit computes it (``pixelwiseAccuracy.m``) and as the
 paper's Table 3 reports it: the share of pixels that are wrong under the one-to-one matching of predicted segments to
-true elements that makes most pixels right. Classes play no part. What the tool kit leaves open:
+true elements that makes most pixels right. Classes play no part, and each value of a prediction is a segment, 0 too.
+What the tool kit leaves open:
 
 * pixels at which the layout shows nothing are not scored (LSUN's truth covers the whole image), and a frame that shows
   nothing at all is left out;
-* 0 in a prediction is a segment like any other, so a method that counts from 0 is as welcome as one that counts from 1;
-* a missing prediction has error 1 (the tool kit stops).
+* a missing prediction has error 1.
 
 LSUN's second measure, the error of corners, is not computed: it compares the corners of one of eleven types of cuboid
 rooms, which neither a generic layout nor a predicted label image has.
@@ -128,12 +128,13 @@ def label_image(layout: Layout, camera: Camera) -> ImageArray:
     return label_of[instances]
 
 
-def pixel_error(truth: LabelArray, predicted: LabelArray) -> float | None:
+def pixel_error(truth: LabelArray, predicted: LabelArray | None) -> float | None:
     """Share of pixels that are wrong under the best one-to-one matching of predicted to true labels.
 
     Args:
         truth: (H, W) labels; 0 = not scored.
-        predicted: (h, w) labels, each value a segment; of another size it is resized, nearest neighbour.
+        predicted: (h, w) labels, each value a segment; of another size it is resized, nearest neighbour. None: there
+            is no prediction, so every pixel is wrong.
 
     Returns:
         0 to 1; None when there is no pixel to score.
@@ -141,6 +142,8 @@ def pixel_error(truth: LabelArray, predicted: LabelArray) -> float | None:
     scored = truth != 0
     if not scored.any():
         return None
+    if predicted is None:
+        return 1.0
     true_labels, true = np.unique(truth[scored], return_inverse=True)
     labels, found = np.unique(_resized(predicted, truth.shape)[scored], return_inverse=True)
     size = (len(true_labels), len(labels))
@@ -217,23 +220,21 @@ def score_folder(true_dir: Path, predicted_dir: Path) -> dict[str, list[Metric]]
     indices = sorted(true_dir.rglob(INDEX))
     if not indices:
         raise GtlayoutError(f"no {INDEX} in {true_dir}: make it with `layout2d.py render`")
-    rows = {}
+    rows: dict[str, list[Metric]] = {}
     for index in indices:
         folder = index.parent.relative_to(true_dir)
         for image, file in _read_index(index):
             truth = _read_labels(path_inside(index.parent, file, str(index)))
             path = path_inside(predicted_dir / folder, file, str(index))
-            missing = not path.exists()
-            error = pixel_error(truth, np.zeros((1, 1), dtype=np.int64) if missing else _read_labels(path))
+            predicted = _read_labels(path) if path.is_file() else None
+            error = pixel_error(truth, predicted)
             if error is not None:
-                rows[(folder / image).as_posix()] = [
-                    Metric("pixel_error", 1.0 if missing else error, "", False),
-                    Metric("missing", float(missing), "", False),
-                ]
+                missing = Metric("missing", float(predicted is None), "", False)
+                rows[(folder / image).as_posix()] = [Metric("pixel_error", error, "", False), missing]
     if not rows:
         raise GtlayoutError(f"{true_dir}: no frame shows anything of the layout")
     if all(missing.value for _, missing in rows.values()):
-        raise GtlayoutError(f"{predicted_dir} holds no prediction: they must be called as in {indices[0]}, like {file}")
+        raise GtlayoutError(f"{predicted_dir} holds no prediction: they must be called as the labels in {true_dir} are")
     return rows
 
 

@@ -84,6 +84,11 @@ def test_what_shows_nothing_is_not_scored() -> None:
     assert pixel_error(truth, _labels(5, 1, 2, 5)) == 0.0
     assert pixel_error(truth, _labels(1, 1, 1, 2)) == 0.5
     assert pixel_error(np.zeros_like(truth), truth) is None
+    assert pixel_error(np.zeros_like(truth), None) is None
+
+
+def test_missing_prediction_is_all_wrong() -> None:
+    assert pixel_error(TRUTH, None) == 1.0
 
 
 def test_resizing_takes_the_pixel_below_the_centre() -> None:
