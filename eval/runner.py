@@ -12,6 +12,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
+from itertools import chain
 from pathlib import Path
 
 import cv2
@@ -21,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from gtlayout import __version__
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import CAMERA_READERS
+from gtlayout.io.cad_estate import image_folder
 from gtlayout.io.files import read_json, write_json_atomic
 from metrics import FORMAT, Metric, read_rows
 
@@ -130,7 +132,7 @@ def _fingerprint(scene: Path, out_dir: Path, settings: str) -> str:
             content = hashlib.sha256(path.read_bytes()).hexdigest() if by_content else ""
         except OSError as error:
             raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-        digest.update(repr((path.relative_to(scene).as_posix(), size, content)).encode())
+        digest.update(repr((os.path.relpath(path, scene), size, content)).encode())
     return digest.hexdigest()
 
 
@@ -139,13 +141,15 @@ def _inputs(scene: Path, out_dir: Path) -> list[Path]:
     inputs: list[Path] = []
     left_out = {(scene / RESULTS).resolve(), out_dir.resolve()}
     seen: set[Path] = set()
-    for folder, below, names in os.walk(scene, followlinks=True):
-        if (real := Path(folder).resolve()) in seen | left_out:
+    # CAD-Estate keeps the images of all clips of a video outside their folders.
+    roots = [scene, *([folder] if (folder := image_folder(scene)) else [])]
+    for walked, below, names in chain.from_iterable(os.walk(root, followlinks=True) for root in roots):
+        if (real := Path(walked).resolve()) in seen | left_out:
             below.clear()
             continue
         seen.add(real)
         below[:] = [name for name in below if not name.startswith(".")]
-        files = [Path(folder, name) for name in names if not name.startswith(".")]
+        files = [Path(walked, name) for name in names if not name.startswith(".")]
         inputs += [path for path in files if path.is_file()]
     return sorted(inputs)
 

@@ -88,6 +88,14 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
     return RawAnnotations(path, tuple(key_frames), tuple(warnings))
 
 
+def image_folder(root: Path) -> Path | None:
+    """The folder with a clip's images, which may lie outside ``root``; None when that is no clip with images."""
+    try:
+        return _clip(root, root / FRAMES_FILE).folder
+    except GtlayoutError:
+        return None
+
+
 def _clip(root: Path, path: Path) -> Clip:
     data = read_json(path)
     name, frames = data.get("clip_name"), data.get("frames")
