@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Annotated
 
@@ -150,8 +150,7 @@ def _moved(
     ]
     outlines = [_Outline(ring, closed=True) for parts in rings for part in parts for ring in part]
     outlines += [_Outline(line, closed=False) for line in key_frame.occlusion_edges]
-    hand = _Hand(camera, errors, outlines, corner_rng, edge_rng)
-    moved = iter([hand.moved(outline) for outline in outlines])
+    moved = iter(_by_hand(outlines, camera, errors, corner_rng, edge_rng))
     image = shapely.box(0, 0, camera.width, camera.height)
     elements = []
     for element, parts in zip(key_frame.elements, rings, strict=True):
@@ -166,7 +165,7 @@ def _moved(
     return elements, list(moved)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class _Outline:
     """A ring (without its closing point) or a polyline, (N, 2) px."""
 
@@ -174,57 +173,50 @@ class _Outline:
     closed: bool
 
     @property
-    def ends(self) -> FloatArray:
-        """(N, 2, 2) start and end of each edge; (N - 1, 2, 2) when open."""
+    def edges(self) -> FloatArray:
+        """(N, 2, 2) start and end of each edge, the n-th from point n on; (N - 1, 2, 2) when open."""
         edges = np.stack([self.points, np.roll(self.points, -1, axis=0)], axis=1)
         return edges if self.closed else edges[:-1]
 
 
-class _Hand:
-    """One key frame's offsets of edges and corners."""
-
-    def __init__(
-        self,
-        camera: Camera,
-        errors: AnnotatorErrors,
-        outlines: Iterable[_Outline],
-        corner_rng: np.random.Generator,
-        edge_rng: np.random.Generator,
-    ) -> None:
-        self._size = np.array([camera.width, camera.height], np.float64)
-        self._corner_sigma_px = errors.corner_sigma_px
-        self._corner_rng = corner_rng
-        self._shifts: dict[tuple[int, int], FloatArray] = {}
-        ends = {id(outline): outline.ends for outline in outlines}
-        self._first = dict(zip(ends, np.cumsum([0, *map(len, ends.values())]), strict=False))
-        edges = np.concatenate([np.empty((0, 2, 2)), *ends.values()])
-        group, self._normals = _lines(edges)
-        self._offsets_px = errors.edge_sigma_px * edge_rng.standard_normal(group.max(initial=-1) + 1)[group]
-        self._offsets_px[(self._on_border(edges[:, 0]) & self._on_border(edges[:, 1])).any(axis=1)] = 0
-
-    def moved(self, outline: _Outline) -> FloatArray:
-        """The outline's points where the hand puts them; they may lie off the image."""
-        count = len(outline.ends)
-        first = self._first[id(outline)]
+def _by_hand(
+    outlines: Sequence[_Outline],
+    camera: Camera,
+    errors: AnnotatorErrors,
+    corner_rng: np.random.Generator,
+    edge_rng: np.random.Generator,
+) -> list[FloatArray]:
+    """The outlines' points where the hand puts them, px; they may lie off the image."""
+    size = np.array([camera.width, camera.height], np.float64)
+    edges_of = [outline.edges for outline in outlines]
+    edges = np.concatenate([np.empty((0, 2, 2)), *edges_of])
+    group, normals = _lines(edges)
+    offsets_px = errors.edge_sigma_px * edge_rng.standard_normal(group.max(initial=-1) + 1)[group]
+    # An edge from the left border to the right one is no piece of the border.
+    along_border: BoolArray = _on_border(edges, size).all(axis=1) & (np.ptp(edges, axis=1) < ON_BORDER_PX)
+    offsets_px[along_border.any(axis=1)] = 0
+    corner_shifts: dict[tuple[int, int], FloatArray] = {}
+    moved = []
+    first = 0
+    for outline, own in zip(outlines, edges_of, strict=True):
+        count = len(own)
         shifts = np.zeros_like(outline.points)
         for at, point in enumerate(outline.points):
             meeting = [first + edge % count for edge in (at - 1, at) if outline.closed or 0 <= edge < count]
-            shifts[at] = np.linalg.lstsq(self._normals[meeting], self._offsets_px[meeting], MIN_ANGLE_RCOND)[0]
-            shifts[at] += self._corner_shift(point)
+            key = round(point[0] * 100), round(point[1] * 100)
+            if key not in corner_shifts:
+                corner_shifts[key] = corner_rng.normal(0, errors.corner_sigma_px, 2)
+            to_both_edges = np.linalg.lstsq(normals[meeting], offsets_px[meeting], MIN_ANGLE_RCOND)[0]
+            shifts[at] = to_both_edges + corner_shifts[key]
         # Where an edge leaves the image the hand slides along the border.
-        moved: FloatArray = outline.points + np.where(self._on_border(outline.points), 0, shifts)
-        return moved
+        moved.append(outline.points + np.where(_on_border(outline.points, size), 0, shifts))
+        first += count
+    return moved
 
-    def _corner_shift(self, point: FloatArray) -> FloatArray:
-        """(2,) px, the same for all outlines that have this corner."""
-        key = round(point[0] * 100), round(point[1] * 100)
-        if key not in self._shifts:
-            self._shifts[key] = self._corner_rng.normal(0, self._corner_sigma_px, 2)
-        return self._shifts[key]
 
-    def _on_border(self, points: FloatArray) -> BoolArray:
-        """(N, 2): which coordinates lie on the image's border."""
-        return (points < ON_BORDER_PX) | (points > self._size - ON_BORDER_PX)
+def _on_border(points: FloatArray, size: FloatArray) -> BoolArray:
+    """(…, 2): which coordinates of (…, 2) px lie on the image's border."""
+    return (points < ON_BORDER_PX) | (points > size - ON_BORDER_PX)
 
 
 def _lines(edges: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -235,7 +227,7 @@ def _lines(edges: FloatArray) -> tuple[IntArray, FloatArray]:
     """
     along = edges[:, 1] - edges[:, 0]
     lengths = np.linalg.norm(along, axis=1)
-    along = along / np.maximum(lengths, ON_BORDER_PX)[:, None]
+    along = along / np.maximum(lengths, 1e-12)[:, None]
     normals = np.column_stack([-along[:, 1], along[:, 0]])
     from_start = edges[None] - edges[:, None, :1]  # of edge i to both ends of edge j
     off = np.abs(np.einsum("ijek,ik->ije", from_start, normals)).max(axis=2)

@@ -117,6 +117,21 @@ def test_an_edge_is_off_as_a_whole_and_for_both_its_neighbours(corner_of_a_room:
     np.testing.assert_allclose(correlation, np.eye(len(offsets)), atol=0.15)
 
 
+def test_an_edge_from_border_to_border_is_off_too_and_the_border_is_not() -> None:
+    left, right = [0.0, 300.0], [640.0, 300.0]
+    wall = _element(0, "wall", [0, 0], [640, 0], right, left)
+    floor = _element(1, "floor", left, right, [640, 480], [0, 480])
+    offsets = []
+    for drawn in _draws(KeyFrame(0, (wall, floor)), replace(PERFECT, edge_sigma_px=3.0)):
+        above, below = (each.amodal.bounds for each in drawn.elements)
+        assert above[:3] == (0, 0, 640)
+        assert below[2:] == (640, 480)
+        assert below[0] == 0
+        assert below[1] == pytest.approx(above[3])
+        offsets.append(above[3] - 300)
+    assert np.std(offsets) == pytest.approx(3.0, rel=0.1)
+
+
 def test_elements_share_the_hands_error_at_common_corners(corner_of_a_room: KeyFrame) -> None:
     shifts = []
     for drawn in _draws(corner_of_a_room, AnnotatorErrors(corner_sigma_px=2.0)):
