@@ -37,7 +37,7 @@ class SynthConfig:
     seed: Annotated[int, Parameter(validator=NotNegative)] = 0
     """Everything random follows from it; the same seed gives the same bytes."""
     format: SceneFormat = "native"
-    """How the scene is written: nerfstudio or COLMAP cameras with native annotations, or as these data sets are."""
+    """How the scene is written: nerfstudio (native) or COLMAP cameras with our annotations, or as a data set."""
     room: Annotated[RoomKind, Parameter(group=WORLD)] = "box"
     """Kind of floor plan or ceiling."""
     texture: Annotated[float, Parameter(group=WORLD, validator=Share)] = 1.0
