@@ -43,7 +43,7 @@ def mean_over(rows: Sequence[Sequence[Metric]]) -> list[Metric]:
 def markdown_table(rows: Rows, row_title: str) -> str:
     """A table with a column per metric and unit; arrows say which way is better. What has no value is a dash.
 
-    The decimals of a column are such that its median shows three digits.
+    The decimals of a column are such that its median shows three digits, and its smallest value two.
     """
     arrows = {True: " ↑", False: " ↓", None: ""}
     columns = [[row_title, "---", *rows]]
@@ -122,11 +122,15 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _decimals(values: Sequence[float]) -> int:
-    """Decimals at which the median of a column shows three digits; none for whole numbers."""
+    """Decimals at which the median of a column shows three digits and the smallest value two; none for whole numbers.
+
+    Millimetres of one method beside metres of another want four decimals; no more for the sake of the smallest.
+    """
     sizes = [abs(value) for value in values if np.isfinite(value) and value != 0]
     if all(size == round(size) for size in sizes):
         return 0
-    return min(max(2 - int(np.floor(np.log10(np.median(sizes)))), 0), 6)
+    median, smallest = (int(np.floor(np.log10(size))) for size in (np.median(sizes), min(sizes)))
+    return min(max(2 - median, min(1 - smallest, 4), 0), 6)
 
 
 def _shown(value: float, decimals: int) -> str:
