@@ -1,15 +1,24 @@
-"""What a careful annotator would draw on a frame of a synthetic room."""
+"""What a careful annotator would draw on a frame of a synthetic room, without the errors of a hand.
+
+The image is cut along all outlines of the building into faces, each face goes to the surface nearest there, and what
+remains is a partition of the image whose neighbours share every corner. All that is drawn is read off that partition.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.scene import OPENINGS, BoolArray, Camera, Element, FloatArray, KeyFrame
-from gtlayout.synth_render import Cast, faces_camera, project_polygon
+from gtlayout.scene import OPENINGS, BoolArray, Camera, Element, FloatArray, IntArray, KeyFrame
+from gtlayout.synth_render import Cast, faces_camera, inverse_depth, project_polygon
 from gtlayout.synth_room import Room
+from gtlayout.synth_surfaces import Surface
 
 MIN_AREA_SHARE = 1e-3
 """Of the image: nobody draws smaller pieces."""
@@ -17,42 +26,97 @@ ERODE_SHARE = 0.01
 """Of the image's width: visible parts keep away from furniture and corners; what remains of a door or window at the
 image border is left to its wall when it is not even twice as wide."""
 SIMPLIFY_PX = 1.5
+CONTACT_M = 0.01
+"""Neighbours in the image touch where they are no further apart along the ray."""
+_GRID_PX = 1e-5
+"""Corners closer than this are one."""
+_STRAIGHT_PX = 0.15
+"""Corners where hidden outlines cross a boundary are none: those that span a triangle of less than this squared go."""
+_COPLANAR = 1 - 1e-6
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A building as a camera sees it without furniture: a partition of the image."""
+
+    surfaces: tuple[Surface, ...]
+    regions: tuple[MultiPolygon, ...]
+    """Of each surface what is seen of it, px, without the openings in it. Neighbours share all corners on their
+    common boundary, also those where that boundary ends on a third surface."""
+    hosts: tuple[int | None, ...]
+    """For each door and window the surface it lies in."""
+
+    def whole(self, number: int) -> MultiPolygon:
+        """What is seen of a surface together with the openings in it."""
+        own = [region for region, host in zip(self.regions, self.hosts, strict=True) if host == number]
+        return _polygons(shapely.coverage_union_all([*self.regions[number].geoms, *(p for r in own for p in r.geoms)]))
 
 
 def annotate(
-    room: Room, camera: Camera, hits: Cast, frame: int, jitter_sigma_px: float, rng: np.random.Generator
+    room: Room, camera: Camera, hits: Cast, frame: int, rng: np.random.Generator
 ) -> tuple[KeyFrame, dict[str, str]]:
-    """Draw a convex room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
+    """Draw the room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
 
-    Walls are drawn through doors, windows and furniture; doors and windows lie on top of their wall. The hand's error
-    is one shift per corner: elements that share it stay together, and their common edge is off as a whole. Ids are
-    shuffled.
+    An element is drawn as far as other parts of the building do not hide it, through furniture; walls through the
+    doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps between
+    neighbours of which one at least is drawn. ``rng`` shuffles the ids.
     Returns the key frame and, for each element's id, the name of its surface.
     """
-    shifts: dict[tuple[int, int], FloatArray] = {}
-    drawn: list[tuple[int, MultiPolygon]] = []
-    for number, surface in enumerate(room.surfaces):
-        if surface.label is None or not faces_camera(surface, camera):
-            continue
-        outline = project_polygon(camera, surface.corners_world)
-        if len(outline) < 3:
-            continue
-        seen = _polygons(Polygon(outline) & shapely.box(0, 0, camera.width, camera.height))
-        amodal = MultiPolygon([_by_hand(part, shifts, camera, jitter_sigma_px, rng) for part in seen])
-        sliver = surface.label in OPENINGS and amodal.buffer(-ERODE_SHARE * camera.width).is_empty
-        if amodal.area >= MIN_AREA_SHARE * camera.width * camera.height and not sliver:
-            drawn.append((number, amodal))
-
+    drawing = draw(room.building, camera)
+    amodal = {
+        number: region
+        for number, surface in enumerate(drawing.surfaces)
+        if surface.label is not None and not (region := _drawn(drawing, number, camera)).is_empty
+    }
     elements: list[Element] = []
     names: dict[str, str] = {}
-    for at in rng.permutation(len(drawn)):
-        number, amodal = drawn[at]
+    for number in rng.permutation(list(amodal)):
         surface = room.surfaces[number]
         assert surface.label is not None
-        element = Element(f"e{len(elements)}", surface.label, amodal, visible_parts(hits.surface == number))
-        elements.append(element)
-        names[element.id] = surface.name
-    return KeyFrame(frame, tuple(elements)), names
+        visible = visible_parts(hits.surface == number)
+        elements.append(Element(f"e{len(elements)}", surface.label, amodal[number], visible))
+        names[elements[-1].id] = surface.name
+    return KeyFrame(frame, tuple(elements), occlusion_edges(drawing, camera, set(amodal))), names
+
+
+def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
+    """What the camera sees of each of the surfaces; of coplanar ones the last is on top."""
+    image = shapely.box(0, 0, camera.width, camera.height)
+    outlines = [_outline(surface, camera) & image for surface in surfaces]
+    lines = shapely.union_all([image.exterior, *(outline.boundary for outline in outlines)], grid_size=_GRID_PX)
+    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+    owners = _nearest(surfaces, outlines, camera, shapely.get_coordinates(shapely.point_on_surface(faces)))
+    seen = np.unique(owners[owners >= 0])
+    merged = shapely.coverage_simplify(
+        [shapely.coverage_union_all(faces[owners == number]) for number in seen], _STRAIGHT_PX
+    )
+    regions = [MultiPolygon()] * len(surfaces)
+    for number, region in zip(seen, merged, strict=True):
+        regions[number] = _polygons(region)
+    return Drawing(surfaces, tuple(regions), tuple(_host(surfaces, number) for number in range(len(surfaces))))
+
+
+def occlusion_edges(drawing: Drawing, camera: Camera, drawn: set[int]) -> tuple[FloatArray, ...]:
+    """(N, 2) px polylines along which neighbours, one of them in ``drawn`` at least, are apart in space."""
+    owner: dict[tuple[float, ...], int] = {}
+    for number, region in enumerate(drawing.regions):
+        # Shells turn one way, holes the other: neighbours run along an edge in opposite directions.
+        for ring in shapely.get_rings(shapely.get_parts(shapely.orient_polygons(region))):
+            corners = shapely.get_coordinates(ring)
+            for start, end in pairwise(corners):
+                owner[*start, *end] = number
+    apart = []
+    for (*start, x, y), first in owner.items():
+        second = owner.get((x, y, *start))
+        if second is None or second < first or not {first, second} & drawn:
+            continue
+        points = np.linspace(start, (x, y), 5)[1:-1]
+        depths = [1 / inverse_depth(drawing.surfaces[number], camera, points) for number in (first, second)]
+        rays = np.linalg.norm(camera.rays_world(points), axis=1)
+        if (np.abs(depths[0] - depths[1]) * rays).max() > CONTACT_M:
+            apart.append((start, (x, y)))
+    merged = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(apart))) if apart else []
+    return tuple(shapely.get_coordinates(line) for line in merged)
 
 
 def visible_parts(mask: BoolArray) -> MultiPolygon:
@@ -69,31 +133,55 @@ def visible_parts(mask: BoolArray) -> MultiPolygon:
         if len(corners) >= 3:
             # OpenCV counts from the centre of the first pixel.
             (outer if hierarchy[0, number, 3] < 0 else holes).append(shapely.make_valid(Polygon(corners + 0.5)))
-    parts = _polygons(shapely.union_all(outer) - shapely.union_all(holes))
+    parts = _polygons(shapely.union_all(outer) - shapely.union_all(holes)).geoms
     return MultiPolygon([part for part in parts if part.area >= MIN_AREA_SHARE * height * width])
 
 
-def _by_hand(
-    polygon: Polygon,
-    shifts: dict[tuple[int, int], FloatArray],
-    camera: Camera,
-    jitter_sigma_px: float,
-    rng: np.random.Generator,
-) -> Polygon:
-    """The polygon with every corner shifted; ``shifts`` remembers corners already drawn in this frame."""
-    size = np.array([camera.width, camera.height])
-    corners = np.array(polygon.exterior.coords)[:-1]
-    moved = np.empty_like(corners)
-    for number, corner in enumerate(corners):
-        key = round(corner[0] * 100), round(corner[1] * 100)
-        if key not in shifts:
-            shifts[key] = rng.normal(0, jitter_sigma_px, 2)
-        # Where an edge leaves the image the hand slides along the border.
-        on_border = (corner < 1e-6) | (corner > size - 1e-6)
-        moved[number] = np.clip(corner + np.where(on_border, 0, shifts[key]), 0, size)
-    drawn = Polygon(moved)
-    return drawn if drawn.is_valid else polygon
+def _drawn(drawing: Drawing, number: int, camera: Camera) -> MultiPolygon:
+    """What an annotator draws of a surface, px; empty when it is not worth it."""
+    least = MIN_AREA_SHARE * camera.width * camera.height
+    region = MultiPolygon([part for part in drawing.whole(number).geoms if part.area >= least])
+    sliver = drawing.surfaces[number].label in OPENINGS and region.buffer(-ERODE_SHARE * camera.width).is_empty
+    return MultiPolygon() if sliver else region
 
 
-def _polygons(geometry: shapely.Geometry) -> list[Polygon]:
-    return [part for part in shapely.get_parts(geometry) if isinstance(part, Polygon) and not part.is_empty]
+def _outline(surface: Surface, camera: Camera) -> MultiPolygon:
+    """A surface's projection, px, as if nothing hid it."""
+    outline = project_polygon(camera, surface.corners_world) if faces_camera(surface, camera) else np.empty((0, 2))
+    # A polygon cut at the near plane may run there and back along the cut.
+    return _polygons(shapely.make_valid(Polygon(outline))) if len(outline) >= 3 else MultiPolygon()
+
+
+def _nearest(
+    surfaces: Sequence[Surface], outlines: Sequence[shapely.Geometry], camera: Camera, points: FloatArray
+) -> IntArray:
+    """(N,) the surface that (N, 2) px show, -1 for none."""
+    found = np.full(len(points), -1, np.int64)
+    nearest = np.full(len(points), 1e-9)
+    for number, (surface, outline) in enumerate(zip(surfaces, outlines, strict=True)):
+        if outline.is_empty:
+            continue
+        shapely.prepare(outline)
+        inverse = inverse_depth(surface, camera, points)
+        wins = shapely.contains_xy(outline, points) & (inverse > nearest * _COPLANAR)
+        found[wins], nearest[wins] = number, inverse[wins]
+    return found
+
+
+def _host(surfaces: Sequence[Surface], number: int) -> int | None:
+    """The surface before an opening in whose plane and outline it lies."""
+    opening = surfaces[number]
+    if opening.label not in OPENINGS:
+        return None
+    corners = opening.corners_world
+    for other, surface in enumerate(surfaces[:number]):
+        off = np.abs(corners @ surface.normal + surface.d).max()
+        inside = Polygon(surface.corners_uv).buffer(1e-6).covers(Polygon(surface.frame.to_plane(corners)))
+        if surface.label not in OPENINGS and off < 1e-6 and opening.normal @ surface.normal > 0 and inside:
+            return other
+    return None
+
+
+def _polygons(geometry: shapely.Geometry) -> MultiPolygon:
+    parts = shapely.get_parts(shapely.get_parts(geometry))
+    return MultiPolygon([part for part in parts if isinstance(part, Polygon) and not part.is_empty])
