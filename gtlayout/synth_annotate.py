@@ -58,8 +58,8 @@ def annotate(
     """Draw the room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
 
     An element is drawn as far as other parts of the building do not hide it, through furniture; walls through the
-    doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps between
-    neighbours of which one at least is drawn. ``rng`` shuffles the ids.
+    doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps.
+    ``rng`` shuffles the ids.
     Returns the key frame and, for each element's id, the name of its surface.
     """
     drawing = draw(room.building, camera)
@@ -76,7 +76,7 @@ def annotate(
         visible = visible_parts(hits.surface == number)
         elements.append(Element(f"e{len(elements)}", surface.label, amodal[number], visible))
         names[elements[-1].id] = surface.name
-    return KeyFrame(frame, tuple(elements), occlusion_edges(drawing, camera, set(amodal))), names
+    return KeyFrame(frame, tuple(elements), occlusion_edges(drawing, camera)), names
 
 
 def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
@@ -96,8 +96,11 @@ def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
     return Drawing(surfaces, tuple(regions), tuple(_host(surfaces, number) for number in range(len(surfaces))))
 
 
-def occlusion_edges(drawing: Drawing, camera: Camera, drawn: set[int]) -> tuple[FloatArray, ...]:
-    """(N, 2) px polylines along which neighbours, one of them in ``drawn`` at least, are apart in space."""
+def occlusion_edges(drawing: Drawing, camera: Camera) -> tuple[FloatArray, ...]:
+    """(N, 2) px polylines along which neighbours are apart in space.
+
+    Also where neither is worth drawing: what is drawn beyond a narrow one must not seem to touch.
+    """
     owner: dict[tuple[float, ...], int] = {}
     for number, region in enumerate(drawing.regions):
         # Shells turn one way, holes the other: neighbours run along an edge in opposite directions.
@@ -108,7 +111,7 @@ def occlusion_edges(drawing: Drawing, camera: Camera, drawn: set[int]) -> tuple[
     apart = []
     for (*start, x, y), first in owner.items():
         second = owner.get((x, y, *start))
-        if second is None or second < first or not {first, second} & drawn:
+        if second is None or second < first:
             continue
         points = np.linspace(start, (x, y), 5)[1:-1]
         depths = [1 / inverse_depth(drawing.surfaces[number], camera, points) for number in (first, second)]
