@@ -18,6 +18,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 import adam
+from command_line import Jobs, exit_status, new_app
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
 from gtlayout.edges import ContactEdge, contact_edges
@@ -36,7 +37,7 @@ from metrics import Metric, write_tables
 from plots import per_scene, sigma_against_error
 from runner import SceneRows, errors_of, find_scenes, run_scenes
 from scoring import refused, score, summary
-from table1 import OURS, Jobs, exit_status, new_app
+from table1 import OURS
 
 PAPERS = "paper"
 RUNS = (1, 10, 30, 100)

@@ -24,11 +24,12 @@ from typing import Annotated, Any, Literal
 import cv2
 import numpy as np
 import numpy.typing as npt
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import track
 from scipy.optimize import linear_sum_assignment
 
+from command_line import exit_status, new_app
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import json_text, path_inside, read_json, write_all_atomic, write_json_atomic
@@ -50,11 +51,8 @@ COLORS = {"contact": (255, 255, 255), "occlusion": (230, 159, 0)}
 
 LabelArray = npt.NDArray[np.integer[Any]]
 
-app = App(
-    name="layout2d",
-    help="2D layouts: the truth that a layout made with gtlayout shows, and the pixel error of predicted ones.",
-    help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage.",
-    version_flags=(),
+app = new_app(
+    "layout2d", "2D layouts: the truth that a layout made with gtlayout shows, and the pixel error of predicted ones."
 )
 
 
@@ -82,7 +80,7 @@ def render(
     """
     scene = load_scene(scene_dir)
     numbers = range(len(scene.frames)) if frames == "all" else [key_frame.frame for key_frame in scene.key_frames]
-    write_truth(scene, read_layout(layout), [scene.frames[i] for i in numbers], out)
+    write_truth(scene, read_layout(layout, scene), [scene.frames[i] for i in numbers], out)
     print(f"Truth of {len(numbers)} frames: {out}")
 
 
@@ -240,14 +238,7 @@ def score_folder(true_dir: Path, predicted_dir: Path) -> dict[str, list[Metric]]
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    try:
-        app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
-    except CycloptsError:
-        return 2
-    except GtlayoutError as error:
-        print(f"layout2d: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return exit_status(app, arguments)
 
 
 def _resized(labels: LabelArray, shape: tuple[int, ...]) -> LabelArray:

@@ -12,6 +12,7 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from command_line import Jobs, exit_status, new_app
 from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
@@ -23,11 +24,8 @@ from metrics import Metric
 from runner import SceneRows
 from table1 import (
     OURS,
-    Jobs,
     annotated_scenes,
-    exit_status,
     measure_ours,
-    new_app,
     score_scenes,
     summary_row,
     write_summary,

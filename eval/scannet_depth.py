@@ -8,13 +8,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from command_line import Jobs, exit_status, new_app
 from table1 import (
     OURS,
-    Jobs,
     annotated_scenes,
-    exit_status,
     measure_ours,
-    new_app,
     score_scenes,
     summary_row,
     write_summary,

@@ -6,11 +6,6 @@ import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import App, CycloptsError, Parameter
-from cyclopts.validators import Number
-from rich.console import Console
 
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
@@ -24,7 +19,6 @@ from scoring import refused, score, summary
 OURS = "gtlayout"
 Scores = dict[str, list[Metric]]
 """Scene → its metrics."""
-Jobs = Annotated[int, Parameter(validator=Number(gte=1))]
 
 
 def annotated_scenes(root: Path) -> dict[str, Path]:
@@ -85,33 +79,6 @@ def write_summary(out_dir: Path, by_scene: Scores, methods: Mapping[str, list[Me
     write_tables(out_dir, "summary", methods, "method")
     print((out_dir / "summary.md").read_text(encoding="utf-8"))
     print(f"Results: {out_dir}")
-
-
-def new_app(name: str, purpose: str | None) -> App:
-    """A command line with one command."""
-    return App(
-        name=name,
-        help=purpose,
-        help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 130 interrupted.",
-        version_flags=(),
-        suppress_keyboard_interrupt=False,
-    )
-
-
-def exit_status(app: App, arguments: list[str] | None) -> int:
-    """Run the command line; known problems are one line on stderr."""
-    name = app.name[0]
-    try:
-        app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
-    except CycloptsError:
-        return 2
-    except GtlayoutError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"{name}: interrupted; what is finished is kept, run it again to go on", file=sys.stderr)
-        return 130
-    return 0
 
 
 def _can_be_read(folder: Path) -> bool:

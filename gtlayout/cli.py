@@ -118,7 +118,8 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     from gtlayout.io.layout_files import read_layout
     from gtlayout.report_table import evaluation_table
 
-    evaluation = evaluate_layout(load_scene(scene_dir), read_layout(layout or scene_dir / RESULTS))
+    scene = load_scene(scene_dir)
+    evaluation = evaluate_layout(scene, read_layout(layout or scene_dir / RESULTS, scene))
     stdout().print(evaluation_table(evaluation))
     if json is not None:
         write_json_atomic(json, asdict(evaluation))

@@ -28,7 +28,7 @@ def prepared(room: Path) -> ablation.Prepared:
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """The paper's optimiser for 50 iterations only: the table's shape is tested, not its figures."""
     quick = adam.AdamConfig(max_iterations=50)
-    monkeypatch.setattr(ablation.adam, "AdamConfig", lambda: quick)
+    monkeypatch.setattr(adam, "AdamConfig", lambda: quick)
 
 
 def test_tables_have_every_row_of_both_methods(

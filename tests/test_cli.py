@@ -68,7 +68,7 @@ def test_mesh_files_hold_the_room(room: Path, solved: tuple[Path, str]) -> None:
     assert isinstance(ply, trimesh.Trimesh)
     assert isinstance(glb, trimesh.Scene)
     assert ply.area > 10
-    assert set(glb.geometry) == {instance.name for instance in read_layout(out).instances}
+    assert set(glb.geometry) == {instance.name for instance in read_layout(out, load_scene(room)).instances}
     # The cameras' world for PLY: its floor lies where the truth says, and the cameras stand above it.
     truth = json.loads((room / "gt_planes.json").read_text())["planes"]["floor"]
     lowest = float((ply.vertices @ np.array(truth["normal"])).min() + truth["d"])
@@ -78,9 +78,9 @@ def test_mesh_files_hold_the_room(room: Path, solved: tuple[Path, str]) -> None:
     assert glb.geometry["ceiling_0"].vertices[:, 1].min() > glb.geometry["floor_0"].vertices[:, 1].max() + 2
 
 
-def test_solve_prints_table_timings_and_verdict(solved: tuple[Path, str]) -> None:
+def test_solve_prints_table_timings_and_verdict(room: Path, solved: tuple[Path, str]) -> None:
     out, printed = solved
-    for instance in read_layout(out).instances:
+    for instance in read_layout(out, load_scene(room)).instances:
         assert instance.name in printed
     for stage in ("tracking", "correspondence", "edges", "estimation", "extents", "mesh", "quality"):
         assert stage in printed

@@ -52,7 +52,7 @@ def test_layout_reads_back_equal(tmp_path: Path, solved: tuple[Scene, Layout, Qu
     scene, layout, quality = solved
     write_results(tmp_path, scene, layout, quality, Config())
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
-    back = read_layout(tmp_path)
+    back = read_layout(tmp_path, scene)
     assert back.instances == layout.instances
     assert back.metric
     for found, plane in zip(back.planes, layout.planes, strict=True):
@@ -82,7 +82,7 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     assert data["seed"] == 7
     door, ceiling = data["elements"][5], data["elements"][1]
     assert door["host"] == "wall_4"
-    assert door["members"][1] == {"image": "1.png", "element": "e5", "key_frame": 1, "index": 5}
+    assert door["members"][1] == {"image": "1.png", "element": "e5"}
     assert door["extent"]["area"] == pytest.approx(2.0)
     corners = np.array(door["extent"]["polygons"][0][0])
     np.testing.assert_allclose(corners[:, 1], 5.0)
@@ -99,7 +99,7 @@ def test_scene_without_unit_says_so(tmp_path: Path, solved: tuple[Scene, Layout,
     scene, layout, quality = solved
     write_results(tmp_path, scene, replace(layout, metric=False), quality, Config())
     assert json.loads((tmp_path / "layout.json").read_text())["metric"] is False
-    assert not read_layout(tmp_path).metric
+    assert not read_layout(tmp_path, scene).metric
 
 
 def test_quality_json_has_the_verdict_on_top(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
@@ -191,7 +191,7 @@ def test_layout_without_any_surface_is_written_too(tmp_path: Path, solved: tuple
     assert quality.iou == 0.0
     write_results(tmp_path, scene, empty, quality, Config())
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES
-    assert all(extent.region.is_empty for extent in read_layout(tmp_path).extents)
+    assert all(extent.region.is_empty for extent in read_layout(tmp_path, scene).extents)
 
 
 DAMAGE: dict[str, Callable[[Any], object]] = {
@@ -225,13 +225,28 @@ def test_damaged_layout_is_one_clear_line(
     write_results(tmp_path, *solved, Config())
     edit_json(tmp_path / "layout.json", DAMAGE[what])
     with pytest.raises(GtlayoutError, match=r"layout\.json is (damaged|not a layout)") as caught:
-        read_layout(tmp_path)
+        read_layout(tmp_path, solved[0])
     assert "\n" not in str(caught.value)
 
 
-def test_absent_layout_is_one_clear_line(tmp_path: Path) -> None:
+def test_absent_layout_is_one_clear_line(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
     with pytest.raises(GtlayoutError, match=r"cannot read .*layout\.json"):
-        read_layout(tmp_path)
+        read_layout(tmp_path, solved[0])
+
+
+def test_drawings_are_found_by_name(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
+    """Elements in another order are the same annotation; an element of another name is another annotation."""
+    scene, layout, quality = solved
+    write_results(tmp_path, *solved, Config())
+    turned = tuple(replace(key_frame, elements=key_frame.elements[::-1]) for key_frame in scene.key_frames)
+    other = replace(scene, key_frames=turned)
+    back = read_layout(tmp_path, other)
+    last = len(SURFACES) - 1
+    assert [i.members for i in back.instances] == [tuple((k, last - e) for k, e in i.members) for i in layout.instances]
+    assert assess(other, back.instances, back.planes, back.extents, Config().quality).iou == quality.iou
+    renamed = replace(turned[0], elements=(replace(turned[0].elements[0], id="x"), *turned[0].elements[1:]))
+    with pytest.raises(GtlayoutError, match=r"made from other annotations: 0\.png has no element e5"):
+        read_layout(tmp_path, replace(scene, key_frames=(renamed, turned[1])))
 
 
 def test_folder_that_takes_no_files_is_one_clear_line(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:

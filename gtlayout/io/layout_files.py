@@ -53,11 +53,13 @@ def write_results(out_dir: Path, scene: Scene, layout: Layout, quality: Quality,
     (out_dir / "log.rrd").unlink(missing_ok=True)
 
 
-def read_layout(out_dir: Path) -> Layout:
-    """Read a layout back from its layout.json (without the mesh's triangles).
+def read_layout(out_dir: Path, scene: Scene) -> Layout:
+    """Read a layout of ``scene`` back from its layout.json (without the mesh's triangles).
+
+    Drawings are found by the names of image and element, so annotations may have been reordered since.
 
     Raises:
-        GtlayoutError: the file is absent or not a layout.
+        GtlayoutError: the file is absent, not a layout, or names drawings that the scene does not have.
     """
     path = out_dir / "layout.json"
     data = read_json(path)
@@ -65,7 +67,7 @@ def read_layout(out_dir: Path) -> Layout:
         raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
     try:
         names = [row["name"] for row in data["elements"]]
-        parts = [_read_element(row, names) for row in data["elements"]]
+        parts = [_read_element(row, names, _drawings(scene), path) for row in data["elements"]]
         metric = bool(data["metric"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
@@ -84,12 +86,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
                 "label": instance.label,
                 "host": None if instance.host is None else layout.instances[instance.host].name,
                 "members": [
-                    {
-                        "image": scene.frame_of(k).name,
-                        "element": scene.key_frames[k].elements[e].id,
-                        "key_frame": k,
-                        "index": e,
-                    }
+                    {"image": scene.frame_of(k).name, "element": scene.key_frames[k].elements[e].id}
                     for k, e in instance.members
                 ],
                 "plane": {
@@ -125,8 +122,25 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
     }
 
 
-def _read_element(row: dict[str, Any], names: list[str]) -> tuple[Instance, Plane, Extent]:
-    members = tuple((int(member["key_frame"]), int(member["index"])) for member in row["members"])
+def _drawings(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
+    """(image, element id) → (key frame index, element index)."""
+    return {
+        (scene.frame_of(k).name, element.id): (k, e)
+        for k, key_frame in enumerate(scene.key_frames)
+        for e, element in enumerate(key_frame.elements)
+    }
+
+
+def _read_element(
+    row: dict[str, Any], names: list[str], drawings: dict[tuple[str, str], tuple[int, int]], path: Path
+) -> tuple[Instance, Plane, Extent]:
+    drawn = [(member["image"], member["element"]) for member in row["members"]]
+    for image, element in drawn:
+        if (image, element) not in drawings:
+            raise GtlayoutError(
+                f"{path} was made from other annotations: {image} has no element {element}; solve the scene again"
+            )
+    members = tuple(sorted(drawings[each] for each in drawn))
     instance = Instance(row["name"], row["label"], members, None if row["host"] is None else names.index(row["host"]))
     plane = row["plane"]
     if row["label"] not in LABELS:
