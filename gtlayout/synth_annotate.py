@@ -82,10 +82,13 @@ def annotate(
 def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
     """What the camera sees of each of the surfaces; of coplanar ones the last is on top."""
     image = shapely.box(0, 0, camera.width, camera.height)
-    outlines = [_outline(surface, camera) & image for surface in surfaces]
+    outlines = [_outline(surface, camera) for surface in surfaces]
+    # All in one go on a grid: neighbours' edges lie on top of each other but for rounding, which upsets overlays.
     lines = shapely.union_all([image.exterior, *(outline.boundary for outline in outlines)], grid_size=_GRID_PX)
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-    owners = _nearest(surfaces, outlines, camera, shapely.get_coordinates(shapely.point_on_surface(faces)))
+    inside = shapely.point_on_surface(faces)
+    faces, inside = faces[image.contains(inside)], inside[image.contains(inside)]
+    owners = _nearest(surfaces, outlines, camera, shapely.get_coordinates(inside))
     seen = np.unique(owners[owners >= 0])
     merged = shapely.coverage_simplify(
         [shapely.coverage_union_all(faces[owners == number]) for number in seen], _STRAIGHT_PX

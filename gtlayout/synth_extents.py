@@ -40,7 +40,8 @@ def seen_extents(
     extents = {}
     for name, surface in by_name.items():
         if name in seen:
-            region = shapely.union_all(seen[name], grid_size=_GRID_M) & Polygon(surface.corners_uv)
+            union = shapely.union_all(seen[name], grid_size=_GRID_M)
+            region = shapely.intersection(union, Polygon(surface.corners_uv), grid_size=_GRID_M)
             parts = _tidy(region.simplify(_STRAIGHT_M))
             extents[name] = [[surface.frame.to_world(ring) for ring in rings_of(MultiPolygon([p]))] for p in parts]
     return extents

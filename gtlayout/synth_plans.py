@@ -150,10 +150,11 @@ def slanted(rng: np.random.Generator) -> Plan:
         for side in (1, 3)
         if sloped[side]
     ]
-    far = panels[4].frame
-    low, high = np.sort(far.to_plane(_at(top[[2, 3]], 0.0))[:, 0])
+    # Where a door fits below the slopes of the far wall.
     door_size = _door_size(rng)
-    door = _opening("door_0", "door", panels[4], (rng.uniform(low, max(low, high - door_size[0])), 0.0), door_size)
+    below = _inset(base, sloped, (door_size[1] - knee) / tangent)
+    low, high = np.sort(panels[4].frame.to_plane(_at(below[[2, 3]], 0.0))[:, 0])
+    door = _opening("door_0", "door", panels[4], (rng.uniform(low + 0.15, high - door_size[0] - 0.15), 0.0), door_size)
     window = _centred("window_0", "window", slopes[-1], rng.uniform(0.55, 0.7), (0.8, 1.0), 0.35)
     lamps = [(*top.mean(axis=0), height - LAMP_M)]
     kept = [_near_end(width, 0.33 * length), _before(door)]

@@ -68,7 +68,7 @@ def _camera(centre: FloatArray, ahead: FloatArray) -> Camera:
 
 def _plans(make: object) -> list[Plan]:
     assert callable(make)
-    return [make(np.random.default_rng([seed, 0])) for seed in range(12)]
+    return [make(np.random.default_rng([seed, 0])) for seed in range(20)]
 
 
 def _depth(surface: Surface, camera: Camera, points_px: FloatArray) -> FloatArray:
@@ -141,7 +141,7 @@ def test_furniture_stays_in_its_room_and_apart(make: object) -> None:
             overlap_m = min(one.centre[2] + one.size[2] / 2 for one in (first, second)) - max(
                 one.centre[2] - one.size[2] / 2 for one in (first, second)
             )
-            assert a.intersection(b).area < 1e-9 or overlap_m < 1e-9
+            assert a.buffer(-1e-6).disjoint(b) or overlap_m < 1e-9
 
 
 def test_walls_of_a_skew_room_are_neither_parallel_nor_square() -> None:
@@ -152,7 +152,7 @@ def test_walls_of_a_skew_room_are_neither_parallel_nor_square() -> None:
         angle_deg = np.rad2deg(np.arccos(np.clip(normals @ normals.T, -1, 1)))[np.triu_indices(len(normals), 1)]
         assert np.abs((angle_deg + 45) % 90 - 45).min() > SKEW_DEG - 1e-6
         dented += plan.upright.convex_hull.area > 1.02 * plan.upright.area
-    assert 0 < dented < 12
+    assert 0 < dented < 20
 
 
 @every_kind
