@@ -193,7 +193,7 @@ class Objective:
         ends = np.cumsum(np.bincount(np.repeat(problem.track_surface[used], self._length), minlength=surfaces))
         self._slices = [slice(a, b) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
         of_plane = np.bincount(problem.track_surface[used], minlength=surfaces)
-        share = config.track_weight / max(np.count_nonzero(of_plane), 1) / of_plane[problem.track_surface[used]]
+        share = config.track_weight / max(int((of_plane > 0).sum()), 1) / of_plane[problem.track_surface[used]]
         share /= np.maximum(self._length, 1)
         self._weight = np.repeat(share, self._length)
         self._share = 1 / np.maximum(self._length, 1)

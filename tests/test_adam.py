@@ -28,8 +28,8 @@ def _local(problem: adam.Problem, planes: FloatArray) -> FloatArray:
     return np.column_stack([planes[:, :3], planes[:, 3] + planes[:, :3] @ problem.origin])
 
 
-def _objective(problem: adam.Problem, **weights: float) -> adam.Objective:
-    return adam.Objective(problem, adam.AdamConfig(**weights), np.arange(len(problem.track_length)))
+def _objective(problem: adam.Problem, config: adam.AdamConfig | None = None) -> adam.Objective:
+    return adam.Objective(problem, config or adam.AdamConfig(), np.arange(len(problem.track_length)))
 
 
 @pytest.mark.parametrize("term", ["track_loss", "edge_loss", "perpendicularity_loss"])
@@ -142,9 +142,12 @@ def test_what_nothing_places_is_nan_not_a_guess(orbit: simulation.Room) -> None:
 def test_a_weight_of_zero_leaves_a_term_out(problem: adam.Problem, orbit: simulation.Room) -> None:
     planes = _local(problem, orbit.planes) + 0.05
     full, _ = _objective(problem)(planes)
-    parts = [
-        _objective(problem, **{f"{name}_weight": 0.0})(planes)[0] for name in ("track", "edge", "perpendicularity")
+    left_out = [
+        adam.AdamConfig(track_weight=0.0),
+        adam.AdamConfig(edge_weight=0.0),
+        adam.AdamConfig(perpendicularity_weight=0.0),
     ]
+    parts = [_objective(problem, config)(planes)[0] for config in left_out]
     assert all(part < full for part in parts)
     assert sum(parts) == pytest.approx(2 * full)
 
