@@ -40,8 +40,8 @@ from scoring import refused, score, summary
 from table1 import OURS
 
 PAPERS = "paper"
-RUNS = (1, 10, 30, 100)
-ABLATION_RUNS = 10
+RUNS = (1, 3, 10, 30, 100)
+ABLATION_RUNS = 3
 """Runs of the paper's optimiser in rows that leave a term out; to be compared with its row of as many runs."""
 PLANE = "plane "
 """Rows of a scene that hold no method's score but an element's predicted σ and true error."""
