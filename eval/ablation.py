@@ -42,7 +42,7 @@ from table1 import OURS
 PAPERS = "paper"
 RUNS = (1, 10, 30, 100)
 ABLATION_SHARE = 0.1
-"""Share of the runs that the paper's optimiser gets, at least one, in rows that leave a term out: it takes seconds each.
+"""Share of the runs that the paper's optimiser gets, at least one, in rows that leave a term out: each takes seconds.
 Such a row is to be compared with the full one of as many runs."""
 PLANE = "plane "
 """Rows of a scene that hold no method's score but an element's predicted σ and true error."""
