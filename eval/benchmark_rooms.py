@@ -15,8 +15,8 @@ from rich.progress import track
 from command_line import Jobs, exit_status, new_app
 from gtlayout.errors import GtlayoutError
 from gtlayout.synth import SynthConfig, synthesize
-from gtlayout.synth_errors import AnnotatorErrors, CameraErrors
-from gtlayout.synth_room import RoomKind
+from gtlayout.synth.errors import AnnotatorErrors, CameraErrors
+from gtlayout.synth.room import RoomKind
 
 CLEAN = SynthConfig(frames=30, key_every=6, width=400, height=300)
 TYPICAL = replace(

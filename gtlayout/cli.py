@@ -140,7 +140,7 @@ def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
 
 
 app.command(
-    "gtlayout.cli_synth:synth",
+    "gtlayout.synth.command:synth",
     name="synth",
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
 )

@@ -9,9 +9,9 @@ import pytest
 from shapely import Point
 
 from gtlayout.scene import Camera, FloatArray, KeyFrame
-from gtlayout.synth_annotate import annotate
-from gtlayout.synth_render import cast
-from gtlayout.synth_room import ROOM_KINDS, Room, RoomKind, make_room
+from gtlayout.synth.annotate import annotate
+from gtlayout.synth.render import cast
+from gtlayout.synth.room import ROOM_KINDS, Room, RoomKind, make_room
 
 SEED = 1
 WIDTH, HEIGHT = 200, 150

@@ -14,8 +14,8 @@ from gtlayout.io import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Camera
 from gtlayout.synth import SynthConfig, shoot
-from gtlayout.synth_config import SceneFormat
-from gtlayout.synth_room import make_room
+from gtlayout.synth.config import SceneFormat
+from gtlayout.synth.room import make_room
 
 SMALL = ("--width", "128", "--height", "96", "--oversample", "1")
 CLIP = SHARED_DATA / "re10k_cameras/0c11dbe781b1c11c.txt"

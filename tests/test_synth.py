@@ -18,10 +18,10 @@ from gtlayout.io.truth import read_truth
 from gtlayout.raster import fill, rings_of
 from gtlayout.scene import Camera, FloatArray
 from gtlayout.synth import SynthConfig, shoot, synthesize
-from gtlayout.synth_render import cast, project_polygon, shade
-from gtlayout.synth_room import Room, make_room
-from gtlayout.synth_surfaces import make_surface
-from gtlayout.synth_textures import plain
+from gtlayout.synth.render import cast, project_polygon, shade
+from gtlayout.synth.room import Room, make_room
+from gtlayout.synth.surfaces import make_surface
+from gtlayout.synth.textures import plain
 
 EXAMPLE = Path(__file__).parents[1] / "examples/room"
 SMALL = SynthConfig(seed=3, frames=9, width=160, height=120)

@@ -13,12 +13,12 @@ from synth_views import HEIGHT, WIDTH, camera_at, drawn, every_kind, the_room, v
 
 from gtlayout.raster import fill, rings_of
 from gtlayout.scene import OPENINGS, Camera, FloatArray, IntArray
-from gtlayout.synth_annotate import annotate, draw, occlusion_edges
-from gtlayout.synth_extents import seen_extents
-from gtlayout.synth_render import cast
-from gtlayout.synth_room import Room, RoomKind
-from gtlayout.synth_surfaces import Surface, make_surface
-from gtlayout.synth_textures import plain
+from gtlayout.synth.annotate import annotate, draw, occlusion_edges
+from gtlayout.synth.extents import seen_extents
+from gtlayout.synth.render import cast
+from gtlayout.synth.room import Room, RoomKind
+from gtlayout.synth.surfaces import Surface, make_surface
+from gtlayout.synth.textures import plain
 
 
 @every_kind

@@ -16,11 +16,11 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.raster import rings_of
 from gtlayout.scene import OPENINGS, Camera, Element, FloatArray, KeyFrame, Label
 from gtlayout.synth import SynthConfig, shoot
-from gtlayout.synth_annotate import annotate
-from gtlayout.synth_errors import CONFUSED, AnnotatorErrors, CameraErrors, disturb, disturb_cameras
-from gtlayout.synth_motion import looking
-from gtlayout.synth_render import cast
-from gtlayout.synth_room import ROOM_KINDS, RoomKind, make_room
+from gtlayout.synth.annotate import annotate
+from gtlayout.synth.errors import CONFUSED, AnnotatorErrors, CameraErrors, disturb, disturb_cameras
+from gtlayout.synth.motion import looking
+from gtlayout.synth.render import cast
+from gtlayout.synth.room import ROOM_KINDS, RoomKind, make_room
 
 WIDTH, HEIGHT = 640, 480
 CAMERA = Camera(np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), np.eye(3), np.zeros(3), WIDTH, HEIGHT)

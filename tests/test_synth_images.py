@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from gtlayout.scene import Camera
-from gtlayout.synth_images import GAMMA, cameras_along, developed, exposures, gains, picture
-from gtlayout.synth_motion import CameraPath, looking
-from gtlayout.synth_room import Room, make_room
-from gtlayout.synth_textures import Texture
+from gtlayout.synth.images import GAMMA, cameras_along, developed, exposures, gains, picture
+from gtlayout.synth.motion import CameraPath, looking
+from gtlayout.synth.room import Room, make_room
+from gtlayout.synth.textures import Texture
 
 K = np.array([[200.0, 0, 120], [0, 200, 90], [0, 0, 1]])
 

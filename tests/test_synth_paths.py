@@ -18,9 +18,9 @@ from gtlayout.io import load_scene
 from gtlayout.io.re10k import Re10kCamera, read_cameras
 from gtlayout.scene import FloatArray
 from gtlayout.synth import Shot, SynthConfig, shoot
-from gtlayout.synth_motion import CameraPath, drift, looking
-from gtlayout.synth_paths import HEADROOM_M, LOWEST_M, REPLAY_M, CameraKind, replay_path, upright
-from gtlayout.synth_room import ROOM_KINDS, Room, RoomKind, make_room
+from gtlayout.synth.motion import CameraPath, drift, looking
+from gtlayout.synth.paths import HEADROOM_M, LOWEST_M, REPLAY_M, CameraKind, replay_path, upright
+from gtlayout.synth.room import ROOM_KINDS, Room, RoomKind, make_room
 
 EXAMPLE = Path(__file__).parents[1] / "examples/room"
 CLIP_NAMES = (

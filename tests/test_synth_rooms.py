@@ -12,11 +12,11 @@ from shapely import Point, Polygon
 from synth_views import HEIGHT, SEED, WIDTH, every_kind, the_room, views
 
 from gtlayout.scene import OPENINGS, FloatArray
-from gtlayout.synth_furniture import LOW_M, furnish
-from gtlayout.synth_plans import SKEW_DEG, Plan, l_shaped, polygon, slanted, two_rooms
-from gtlayout.synth_render import cast
-from gtlayout.synth_room import CLEARANCE_M, RoomKind, make_room
-from gtlayout.synth_surfaces import Surface
+from gtlayout.synth.furniture import LOW_M, furnish
+from gtlayout.synth.plans import SKEW_DEG, Plan, l_shaped, polygon, slanted, two_rooms
+from gtlayout.synth.render import cast
+from gtlayout.synth.room import CLEARANCE_M, RoomKind, make_room
+from gtlayout.synth.surfaces import Surface
 
 PLANS = (l_shaped, polygon, slanted, two_rooms)
 

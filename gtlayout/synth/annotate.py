@@ -16,9 +16,9 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.scene import OPENINGS, BoolArray, Camera, Element, FloatArray, IntArray, KeyFrame
-from gtlayout.synth_render import Cast, faces_camera, inverse_depth, project_polygon
-from gtlayout.synth_room import Room
-from gtlayout.synth_surfaces import Surface
+from gtlayout.synth.render import Cast, faces_camera, inverse_depth, project_polygon
+from gtlayout.synth.room import Room
+from gtlayout.synth.surfaces import Surface
 
 MIN_AREA_SHARE = 1e-3
 """Of the image: nobody draws smaller pieces."""

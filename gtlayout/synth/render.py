@@ -13,8 +13,8 @@ import numpy as np
 
 from gtlayout.raster import fill
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray
-from gtlayout.synth_surfaces import MIP_LEVELS, Surface
-from gtlayout.synth_textures import TEXEL_M, Texture
+from gtlayout.synth.surfaces import MIP_LEVELS, Surface
+from gtlayout.synth.textures import TEXEL_M, Texture
 
 NEAR_M = 0.05
 """Surfaces nearer than this are cut away where outlines are projected."""

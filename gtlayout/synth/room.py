@@ -10,13 +10,13 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from gtlayout import synth_textures as textures
 from gtlayout.scene import FloatArray
-from gtlayout.synth_furniture import LOW_M, furnish
-from gtlayout.synth_materials import paint_plan
-from gtlayout.synth_plans import Plan, l_shaped, polygon, slanted, two_rooms
-from gtlayout.synth_surfaces import Box, Light, Surface, lamp_light, make_surface, opening
-from gtlayout.synth_textures import Painter, faded
+from gtlayout.synth import textures
+from gtlayout.synth.furniture import LOW_M, furnish
+from gtlayout.synth.materials import paint_plan
+from gtlayout.synth.plans import Plan, l_shaped, polygon, slanted, two_rooms
+from gtlayout.synth.surfaces import Box, Light, Surface, lamp_light, make_surface, opening
+from gtlayout.synth.textures import Painter, faded
 
 RoomKind = Literal["box", "l-shaped", "slanted", "two-rooms", "polygon"]
 ROOM_KINDS: tuple[RoomKind, ...] = get_args(RoomKind)

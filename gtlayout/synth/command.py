@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from gtlayout.cli import progress_bars, stdout
 from gtlayout.synth import synthesize
-from gtlayout.synth_config import SynthConfig
+from gtlayout.synth.config import SynthConfig
 
 DEFAULT = SynthConfig()
 

@@ -17,7 +17,7 @@ from shapely import LineString, MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, IntArray, KeyFrame, Label
-from gtlayout.synth_motion import drift
+from gtlayout.synth.motion import drift
 
 CONFUSED: dict[Label, tuple[Label, ...]] = {
     "floor": ("wall",),

@@ -11,9 +11,9 @@ from shapely import MultiPolygon, Polygon
 
 from gtlayout.raster import rings_of
 from gtlayout.scene import Camera, FloatArray, KeyFrame
-from gtlayout.synth_render import uv1_over_z
-from gtlayout.synth_room import Room
-from gtlayout.synth_surfaces import Surface
+from gtlayout.synth.render import uv1_over_z
+from gtlayout.synth.room import Room
+from gtlayout.synth.surfaces import Surface
 
 _GRID_M = 1e-5
 _STRAIGHT_M = 1e-4

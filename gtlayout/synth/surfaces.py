@@ -10,7 +10,7 @@ import numpy as np
 
 from gtlayout.layout import PlaneFrame
 from gtlayout.scene import FloatArray, ImageArray, Label
-from gtlayout.synth_textures import TEXEL_M, Painter
+from gtlayout.synth.textures import TEXEL_M, Painter
 
 Light = Callable[[FloatArray, FloatArray], FloatArray]
 """(N, 3) points and their (3,) normal → (N,) brightness factors."""

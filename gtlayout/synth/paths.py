@@ -14,8 +14,8 @@ from shapely.geometry.base import BaseGeometry
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.re10k import Re10kCamera
 from gtlayout.scene import BoolArray, FloatArray
-from gtlayout.synth_motion import CameraPath, looking, sway
-from gtlayout.synth_room import Room
+from gtlayout.synth.motion import CameraPath, looking, sway
+from gtlayout.synth.room import Room
 
 CameraKind = Literal["orbit", "dolly", "rotation"]
 

@@ -8,11 +8,11 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from gtlayout import synth_textures as textures
 from gtlayout.scene import OPENINGS
-from gtlayout.synth_plans import Panel, Plan
-from gtlayout.synth_surfaces import Box, Surface, lamp_light, make_surface
-from gtlayout.synth_textures import Painter, faded
+from gtlayout.synth import textures
+from gtlayout.synth.plans import Panel, Plan
+from gtlayout.synth.surfaces import Box, Surface, lamp_light, make_surface
+from gtlayout.synth.textures import Painter, faded
 
 _POSTERS = 2
 """As many hang on a wall if there is room …"""

@@ -1,4 +1,4 @@
-"""Synthetic scenes with known truth: a furnished room, a moving camera, images, hand-drawn-like annotations."""
+"""One synthetic scene, from its parameters to a folder."""
 
 from __future__ import annotations
 
@@ -21,17 +21,15 @@ from gtlayout.io.re10k import read_cameras
 from gtlayout.io.scannet import write_scannet
 from gtlayout.io.truth import FILE as TRUTH_FILE
 from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame, Scene
-from gtlayout.synth_annotate import annotate
-from gtlayout.synth_config import HFOV_DEG, SceneFormat, SynthConfig
-from gtlayout.synth_errors import disturb, disturb_cameras
-from gtlayout.synth_extents import seen_extents
-from gtlayout.synth_images import cameras_along, developed, encoded, exposures, gains, picture
-from gtlayout.synth_motion import CameraPath
-from gtlayout.synth_paths import dolly_path, orbit_path, replay_path, rotation_path
-from gtlayout.synth_render import cast
-from gtlayout.synth_room import Room, make_room
-
-__all__ = ["Shot", "SynthConfig", "shoot", "synthesize"]
+from gtlayout.synth.annotate import annotate
+from gtlayout.synth.config import HFOV_DEG, SceneFormat, SynthConfig
+from gtlayout.synth.errors import disturb, disturb_cameras
+from gtlayout.synth.extents import seen_extents
+from gtlayout.synth.images import cameras_along, developed, encoded, exposures, gains, picture
+from gtlayout.synth.motion import CameraPath
+from gtlayout.synth.paths import dolly_path, orbit_path, replay_path, rotation_path
+from gtlayout.synth.render import cast
+from gtlayout.synth.room import Room, make_room
 
 MAX_DEPTH_M = 65.0
 """As far as 16 bits of millimetres reach."""

@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from gtlayout import synth_textures as textures
 from gtlayout.scene import FloatArray
-from gtlayout.synth_plans import Plan
-from gtlayout.synth_surfaces import Box
+from gtlayout.synth import textures
+from gtlayout.synth.plans import Plan
+from gtlayout.synth.surfaces import Box
 
 LOW_M = 1.0
 """Cameras are held higher than furniture that reaches up to here."""

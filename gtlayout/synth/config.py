@@ -10,9 +10,9 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.synth_errors import AnnotatorErrors, CameraErrors
-from gtlayout.synth_paths import CameraKind
-from gtlayout.synth_room import RoomKind
+from gtlayout.synth.errors import AnnotatorErrors, CameraErrors
+from gtlayout.synth.paths import CameraKind
+from gtlayout.synth.room import RoomKind
 
 SceneFormat = Literal["native", "colmap", "cad-estate", "scannet"]
 

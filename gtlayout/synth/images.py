@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from gtlayout.scene import Camera, FloatArray, ImageArray
-from gtlayout.synth_motion import CameraPath, drift
-from gtlayout.synth_render import cast, shade
-from gtlayout.synth_surfaces import Surface
-from gtlayout.synth_textures import Texture
+from gtlayout.synth.motion import CameraPath, drift
+from gtlayout.synth.render import cast, shade
+from gtlayout.synth.surfaces import Surface
+from gtlayout.synth.textures import Texture
 
 BLUR_STEP_PX = 1.5
 """Pictures that are averaged for motion blur are so far apart, where the image moves most; further, they would show."""
