@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.poses import nearest_rotation
 from gtlayout.scene import FloatArray
 
 COLUMNS = 19
 """Timestamp, fx fy cx cy, two zeros, the 3x4 matrix row by row."""
-MAX_ROTATION_ERROR = 1e-3
-"""|RᵀR - I| up to which a rotation counts as rounded, not wrong."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +72,5 @@ def _camera(line: str, where: str) -> Re10kCamera:
     if min(fx, fy) <= 0:
         raise GtlayoutError(f"{where}: the focal lengths (columns 2 and 3) must be positive")
     cam_from_world = values[6:].reshape(3, 4)
-    rotation = cam_from_world[:, :3]
-    off = np.abs(rotation.T @ rotation - np.eye(3)).max()
-    if off > MAX_ROTATION_ERROR or np.linalg.det(rotation) < 0:
-        raise GtlayoutError(f"{where}: columns 8 to 19 are no rotation and translation (off by {off:.2g})")
-    u, _, vt = np.linalg.svd(rotation)
-    return Re10kCamera(timestamp_us, (fx, fy), (cx, cy), u @ vt, cam_from_world[:, 3])
+    rotation = nearest_rotation(cam_from_world[:, :3], f"{where}: what columns 8 to 18 hold")
+    return Re10kCamera(timestamp_us, (fx, fy), (cx, cy), rotation, cam_from_world[:, 3])
