@@ -273,7 +273,7 @@ def write_group(folder: Path, rows: Mapping[str, SceneRows], failed: int, runs: 
             per_scene(folder / f"{key}.png", values, name, higher, log)
     if planes:
         write_tables(folder, "planes", planes, "plane")
-        for quantity, unit, name in (("offset", "m", "distance from the true plane"), ("normal", "°", "normal")):
+        for quantity, unit, name in (("offset", "m", "offset at the centroid"), ("normal", "°", "normal")):
             sigma, error = (
                 np.array([value_of(metrics, f"{quantity}_{what}") for metrics in planes.values()])
                 for what in ("sigma", "error")

@@ -16,7 +16,7 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_atomic
@@ -217,13 +217,15 @@ def _limits(values: FloatArray, log: bool) -> tuple[float, float]:
 def _scale(panel: Axes, axes: str, limits: tuple[float, float], log: bool) -> None:
     """Set limits and scale of the axes named; the more decades, the fewer labels in each."""
     for name in axes:
+        axis = panel.xaxis if name == "x" else panel.yaxis
         if log:
             panel.set(**{f"{name}scale": "log"})
-            axis = panel.xaxis if name == "x" else panel.yaxis
             decades = np.log10(limits[1] / limits[0])
             axis.set_major_locator(LogLocator(subs=(1, 2, 5) if decades < 1.5 else (1, 3) if decades < 3 else (1,)))
             axis.set_minor_locator(NullLocator())
             axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        else:
+            axis.set_major_locator(MaxNLocator(5))
         panel.set(**{f"{name}lim": limits})
 
 
