@@ -130,7 +130,7 @@ def measure(folder: Path, runs: int) -> SceneRows:
     own = run_series(partial(own_planes, prepared, config), prepared, config, runs)
     problem = adam.problem(prepared.scene, prepared.tracks, prepared.track_instance, prepared.instances, prepared.edges)
     papers = run_series(partial(paper_planes, problem, adam.AdamConfig()), prepared, config, runs)
-    for count in (r for r in RUNS if r <= runs):
+    for count in sorted({*(r for r in RUNS if r < runs), runs}):
         rows[f"{OURS}, R = {count}"] = row(prepared, own, count)
         rows[f"{PAPERS}, R = {count}"] = row(prepared, papers, count)
     rows[f"{PAPERS}, R = {runs}, lowest loss"] = row(prepared, papers, runs, key=lambda candidate: -candidate.loss)
