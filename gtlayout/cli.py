@@ -34,6 +34,7 @@ app = App(
 
 SceneDir = Annotated[Path, Parameter(name="DIR")]
 Positive = Annotated[int, Parameter(validator=Number(gte=1))]
+NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 
 
 @app.command
@@ -44,7 +45,7 @@ def solve(
     out: Path | None = None,
     rerun: RerunMode = "off",
     restarts: Positive = 1,
-    seed: int = 0,
+    seed: NotNegative = 0,
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
 ) -> None:
     """Reconstruct the room in a scene folder.

@@ -209,7 +209,14 @@ def test_interrupt_leaves_nothing(
 
 
 @pytest.mark.parametrize(
-    "arguments", [["solve"], ["nonsense"], ["solve", "x", "--restarts", "0"], ["solve", "x", "--rerun", "maybe"]]
+    "arguments",
+    [
+        ["solve"],
+        ["nonsense"],
+        ["solve", "x", "--restarts", "0"],
+        ["solve", "x", "--seed", "-1"],
+        ["solve", "x", "--rerun", "maybe"],
+    ],
 )
 def test_usage_errors_exit_with_2(arguments: list[str], capfd: pytest.CaptureFixture[str]) -> None:
     assert main(arguments) == 2

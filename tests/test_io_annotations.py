@@ -75,6 +75,14 @@ def test_occlusion_edges_are_clipped(tiny: Path, edit_json: Edit) -> None:
     assert scene.warnings == ("001.png: occlusion edge with fewer than 2 points dropped",)
 
 
+def test_annotations_without_any_visible_part_are_told(tiny: Path, edit_json: Edit) -> None:
+    edit_json(tiny / "annotations.json", lambda d: _element(d).update(visible=[]))
+    assert load_scene(tiny).warnings == ()
+    edit_json(tiny / "annotations.json", lambda d: d["frames"][1]["elements"][0].update(visible=[]))
+    (warning,) = load_scene(tiny).warnings
+    assert warning.startswith("no visible parts drawn")
+
+
 def _element(data: Any) -> Any:
     return data["frames"][0]["elements"][0]
 

@@ -48,6 +48,8 @@ def build_key_frames(
         if not elements:
             report.lines.append(f"{raw.image}: no element annotated, not used as a key frame")
         by_frame[index] = KeyFrame(index, elements, edges)
+    if all(element.visible.is_empty for key_frame in by_frame.values() for element in key_frame.elements):
+        report.lines.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
     warnings = report.all(annotations.path.name)
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
