@@ -44,6 +44,8 @@ RUNS = (1, 10, 30, 100)
 ABLATION_SHARE = 0.1
 """Share of the runs that the paper's optimiser gets, at least one, in rows that leave a term out: each takes seconds.
 Such a row is to be compared with the full one of as many runs."""
+ALL = "all"
+"""Folder of the tables of all groups together."""
 PLANE = "plane "
 """Rows of a scene that hold no method's score but an element's predicted σ and true error."""
 NO_MESH = Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
@@ -94,7 +96,8 @@ def compare(
 ) -> None:
     """Solve scenes with both methods and all their variants; write tables and plots.
 
-    Each ROOT, a scene or a folder of scenes, gets a table of its own; a run that was cut short goes on where it was.
+    Each ROOT, a scene or a folder of scenes, gets a table of its own, several get one of all together as well. A run
+    that was cut short goes on where it was.
 
     Parameters
     ----------
@@ -110,13 +113,23 @@ def compare(
     if not roots:
         raise GtlayoutError("name at least one scene folder, or folder of scene folders")
     scenes_of = {root.resolve().name: find_scenes(root) for root in roots}
+    if ALL in scenes_of:
+        raise GtlayoutError(f"a folder of scenes cannot be called {ALL!r}: tables of all together go there")
     if len(scenes_of) < len(roots):
         raise GtlayoutError(f"two of the folders have one name: {', '.join(str(root) for root in roots)}")
+    together: dict[str, SceneRows] = {}
+    failed = 0
     for group, scenes in scenes_of.items():
         folder = out / group
         rows = run_scenes(scenes, folder, partial(measure, runs=runs), f"ablation, {runs} runs", jobs)
-        write_group(folder, rows, len(errors_of(scenes, folder)), runs)
-        print(f"{group}\n\n{(folder / 'summary.md').read_text()}")
+        refusals = len(errors_of(scenes, folder))
+        write_group(folder, rows, refusals, runs)
+        print(f"{group}\n\n{(folder / 'summary.md').read_text(encoding='utf-8')}")
+        together |= {f"{group}/{scene}": of for scene, of in rows.items()}
+        failed += refusals
+    if len(scenes_of) > 1:
+        write_group(out / ALL, together, failed, runs)
+        print(f"{ALL}\n\n{(out / ALL / 'summary.md').read_text(encoding='utf-8')}")
 
 
 def measure(folder: Path, runs: int) -> SceneRows:

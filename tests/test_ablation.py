@@ -105,6 +105,29 @@ def test_scenes_that_fail_count_in_every_row(tmp_path: Path) -> None:
     assert not (tmp_path / "planes.json").exists()
 
 
+def test_several_folders_get_a_table_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Three scenes in two folders, one of which fails."""
+
+    def pretend(folder: Path, runs: int) -> dict[str, list[Metric]]:
+        if folder.name == "broken":
+            raise GtlayoutError("nothing to see")
+        return {f"gtlayout, R = {runs}": [Metric("accepted", 1.0, "", True), Metric("iou", 0.9, "", True)]}
+
+    monkeypatch.setattr(ablation, "measure", pretend)
+    for scene in ("a/one", "a/broken", "b/two"):
+        (tmp_path / scene).mkdir(parents=True)
+        (tmp_path / scene / "transforms.json").write_text("{}")
+    assert ablation.main([str(tmp_path / "a"), str(tmp_path / "b"), "--out", str(tmp_path / "out"), "--runs", "1"]) == 0
+    assert "nothing to see" in capsys.readouterr().err
+    for table, scenes, iou in (("a", 2, 0.45), ("b", 1, 0.9), ("all", 3, 0.6)):
+        (row,) = read_rows(tmp_path / "out" / table / "summary.json").values()
+        metrics = {metric.key: metric.value for metric in row}
+        assert metrics["scenes"] == scenes
+        assert metrics["iou"] == pytest.approx(iou)
+
+
 def test_wrong_usage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ablation.main(["--out", str(tmp_path)]) == 1
     assert "name at least one scene folder" in capsys.readouterr().err
