@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from cyclopts import Parameter
@@ -48,7 +48,6 @@ ALL = "all"
 """Folder of the tables of all groups together."""
 PLANE = "plane "
 """Rows of a scene that hold no method's score but an element's predicted σ and true error."""
-NO_MESH = Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
 
 app = new_app("ablation", __doc__)
 
@@ -82,9 +81,10 @@ class Series:
     seconds: FloatArray
     """(runs,) of each, from tracks and edges to the IoU."""
 
-    def best(self, count: int, key: Callable[[Candidate], float] = lambda candidate: candidate.iou) -> Candidate | None:
-        """The best of the first ``count`` runs, by IoU as in the paper (3.5) unless another key is given."""
-        return max((c for c in self.candidates[:count] if c is not None), key=key, default=None)
+    def best(self, count: int, by: Literal["iou", "loss"] = "iou") -> Candidate | None:
+        """The best of the first ``count`` runs: of the highest IoU, as in the paper (3.5), or of the lowest loss."""
+        found = [c for c in self.candidates[:count] if c is not None]
+        return max(found, key=lambda c: c.iou if by == "iou" else -c.loss, default=None)
 
 
 @app.default
@@ -146,7 +146,7 @@ def measure(folder: Path, runs: int) -> SceneRows:
     for count in sorted({*(r for r in RUNS if r < runs), runs}):
         rows[f"{OURS}, R = {count}"] = row(prepared, own, count)
         rows[f"{PAPERS}, R = {count}"] = row(prepared, papers, count)
-    rows[f"{PAPERS}, R = {runs}, lowest loss"] = row(prepared, papers, runs, key=lambda candidate: -candidate.loss)
+    rows[f"{PAPERS}, R = {runs}, lowest loss"] = row(prepared, papers, runs, by="loss")
     for name, (evidence, settings) in own_ablations(prepared, config).items():
         rows[f"{OURS}, {name}"] = row(
             prepared, run_series(partial(own_planes, evidence, settings), prepared, config, 1), 1
@@ -227,20 +227,15 @@ def run_series(
             scene, instances = prepared.scene, prepared.instances
             extents = compute_extents(scene, instances, planes, prepared.edges, config.extent)
             quality = assess(scene, instances, planes, extents, config.quality)
-            layout = Layout(instances, planes, extents, NO_MESH, scene.metric)
+            layout = Layout(instances, planes, extents, Mesh.empty(), scene.metric)
             candidates.append(Candidate(layout, quality.iou, loss))
         seconds[number] = time.perf_counter() - start
     return Series(tuple(candidates), seconds)
 
 
-def row(
-    prepared: Prepared,
-    series: Series,
-    count: int,
-    key: Callable[[Candidate], float] = lambda candidate: candidate.iou,
-) -> list[Metric]:
+def row(prepared: Prepared, series: Series, count: int, by: Literal["iou", "loss"] = "iou") -> list[Metric]:
     """The score of the best of so many runs, with the time they took together."""
-    best, seconds = series.best(count, key), float(series.seconds[:count].sum())
+    best, seconds = series.best(count, by), float(series.seconds[:count].sum())
     return refused(seconds) if best is None else score(evaluate(prepared.scene, best.layout), seconds)
 
 

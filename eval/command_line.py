@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from typing import Annotated
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, Parameter
 from cyclopts.validators import Number
-from rich.console import Console
 
-from gtlayout.errors import GtlayoutError
+import gtlayout.cli
 
 Jobs = Annotated[int, Parameter(validator=Number(gte=1))]
 """Scenes at a time."""
@@ -28,15 +26,4 @@ def new_app(name: str, purpose: str | None) -> App:
 
 def exit_status(app: App, arguments: list[str] | None) -> int:
     """Run the command line; known problems are one line on stderr."""
-    name = app.name[0]
-    try:
-        app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
-    except CycloptsError:
-        return 2
-    except GtlayoutError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"{name}: interrupted; what is finished is kept, run it again to go on", file=sys.stderr)
-        return 130
-    return 0
+    return gtlayout.cli.exit_status(app, arguments, "interrupted; what is finished is kept, run it again to go on")

@@ -22,14 +22,7 @@ from gtlayout.quality import element_ious, mean_by_frame
 from gtlayout.scene import Scene
 from metrics import Metric
 from runner import SceneRows
-from table1 import (
-    OURS,
-    annotated_scenes,
-    measure_ours,
-    score_scenes,
-    summary_row,
-    write_summary,
-)
+from table1 import OURS, annotated_scenes, measure_ours, score_scenes, summary_row, write_summary
 
 PUBLISHED = "published"
 

@@ -148,16 +148,22 @@ app.command(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line and return its exit status. Unknown exceptions are bugs and keep their traceback."""
+    """Run the command line and return its exit status."""
+    return exit_status(app, arguments, "interrupted")
+
+
+def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) -> int:
+    """Run a command line and return its exit status. Unknown exceptions are bugs and keep their traceback."""
+    name = app.name[0]
     try:
         app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
     except CycloptsError:
         return 2
     except GtlayoutError as error:
-        print(f"gtlayout: {error}", file=sys.stderr)
+        print(f"{name}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("gtlayout: interrupted", file=sys.stderr)
+        print(f"{name}: {when_interrupted}", file=sys.stderr)
         return 130
     return 0
 

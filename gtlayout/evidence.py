@@ -170,7 +170,7 @@ def gather(
 ) -> Evidence:
     """Collect the evidence on every surface. ``rays`` are local already, ``scene`` is not."""
     key_cameras = [local.camera(scene.frame_of(k).camera) for k in range(len(scene.key_frames))]
-    track_surface = _thin_out(_prefer_visible(scene, tracks, track_instance), config.max_tracks)
+    track_surface = _thin_out(prefer_visible(scene, tracks, track_instance), config.max_tracks)
     host = np.array([-1 if instance.host is None else instance.host for instance in instances])
     labels = [instance.label for instance in instances]
     level = np.array([label in ("floor", "ceiling") for label in labels])
@@ -190,8 +190,10 @@ def gather(
     )
 
 
-def _prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> IntArray:
-    """Tracks sampled on an amodal polygon (furniture, as likely as not) count only where a surface has no others."""
+def prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> IntArray:
+    """(N,) surfaces of tracks, -1 for those sampled on an amodal polygon (furniture, as likely as not) where their
+    surface has others.
+    """
     drawn = np.array(
         [
             not scene.key_frames[k].elements[e].visible.is_empty
@@ -231,7 +233,7 @@ def _trust(
     ]
     tried, kept = np.zeros(len(instances)), np.zeros(len(instances))
     for i, instance in enumerate(instances):
-        # As in ``_prefer_visible``: elements without visible parts only where there are no others.
+        # As in ``prefer_visible``: elements without visible parts only where there are no others.
         seen = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
         for k, e in seen or instance.members:
             tried[i] += tracks.tried[k][e]

@@ -117,6 +117,11 @@ class Mesh:
     face_instance: IntArray
     """(F,) index of the instance each triangle belongs to."""
 
+    @classmethod
+    def empty(cls) -> Mesh:
+        """No triangles."""
+        return cls(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
+
 
 @dataclass(frozen=True)
 class Layout:

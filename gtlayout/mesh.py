@@ -36,7 +36,7 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
     ]
     everything = np.concatenate(corners) if corners else np.empty((0, 3))
     if len(everything) == 0:
-        return Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
+        return Mesh.empty()
     reach = _WELD_SHARE * float(np.linalg.norm(np.ptp(everything, axis=0)))
     triangles, owners = [], []
     for i, (region, extent) in enumerate(zip(regions, extents, strict=True)):

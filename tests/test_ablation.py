@@ -80,7 +80,7 @@ def test_the_best_run_is_that_of_highest_iou_or_of_lowest_loss(prepared: ablatio
     assert series.best(1) is None
     assert series.best(2) is runs[0]
     assert series.best(4) is runs[1]
-    assert series.best(4, lambda candidate: -candidate.loss) is runs[2]
+    assert series.best(4, by="loss") is runs[2]
     metrics = {metric.key: metric.value for metric in ablation.row(prepared, series, 4)}
     assert metrics["time"] == 15.0
 

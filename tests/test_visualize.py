@@ -125,22 +125,21 @@ def test_connect_needs_a_listening_viewer() -> None:
         require_viewer(port)
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="the stand-in viewer is a shell script")
 @pytest.mark.parametrize(
-    ("script", "says"), [("exit 0", None), ("echo loading; echo no screen >&2; exit 3", "no screen")]
+    ("program", "says"),
+    [("", None), ("print('loading'); print('no screen', file=sys.stderr); sys.exit(3)", "no screen")],
 )
 def test_view_hands_the_log_to_the_viewer(
-    script: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    program: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    viewer, log, got = tmp_path / "rerun", tmp_path / "a log.rrd", tmp_path / "got"
-    viewer.write_text(f'#!/bin/sh\necho "$@" > {got}\n{script}\n')
-    viewer.chmod(0o755)
-    log.touch()
-    monkeypatch.setattr(gtlayout.visualize, "_viewer", lambda: str(viewer))
+    """Python stands in for the viewer: the log it is handed is a program that notes its arguments."""
+    log, got = tmp_path / "a log.rrd", tmp_path / "got"
+    log.write_text(f"import pathlib, sys\npathlib.Path({str(got)!r}).write_text(repr(sys.argv))\n{program}\n")
+    monkeypatch.setattr(gtlayout.visualize, "_viewer", lambda: sys.executable)
     monkeypatch.setenv("DISPLAY", ":0")
     if says is None:
         open_log(log)
     else:
         with pytest.raises(GtlayoutError, match=f"status 3: {says}"):
             open_log(log)
-    assert got.read_text() == f"{log}\n"
+    assert got.read_text() == repr([str(log)])

@@ -23,7 +23,6 @@ from gtlayout.scene import OPENINGS, ImageArray, IntArray, Label, Scene
 FRAME_US = 33_333
 """From one frame to the next: video at 30 Hz."""
 FLAGS: dict[Label, int] = {"window": WINDOW_FLAG, "door": DOOR_FLAG}
-NO_MESH = Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -150,7 +149,7 @@ def _write_masks(folder: Path, stem: str, scene: Scene, k: int, numbering: Numbe
 
 
 def _structure(clip_name: str, layout: Layout | None, numbering: Numbering, annotated_us: IntArray) -> RoomStructure:
-    mesh = NO_MESH if layout is None else layout.mesh
+    mesh = Mesh.empty() if layout is None else layout.mesh
     instances = () if layout is None else layout.instances
     number = np.array([0, *numbering.of_instance])[mesh.face_instance + 1]
     flag = np.array([0, *(FLAGS.get(instance.label, 0) for instance in instances)])[mesh.face_instance + 1]

@@ -72,8 +72,7 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
     instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
-    no_mesh = Mesh(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
-    return Layout(instances, planes, extents, no_mesh, metric)
+    return Layout(instances, planes, extents, Mesh.empty(), metric)
 
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> dict[str, Any]:

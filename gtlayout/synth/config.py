@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.synth.errors import AnnotatorErrors, CameraErrors
+from gtlayout.synth.errors import AnnotatorErrors, CameraErrors, NotNegative, Share
 from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import RoomKind
 
@@ -26,8 +26,6 @@ ANNOTATOR = Group.create_ordered("Errors of the annotator")
 REPORTED = Group.create_ordered("Errors of the written cameras")
 
 Positive = Number(gte=1)
-NotNegative = Number(gte=0)
-Share = Number(gte=0, lte=1)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -33,17 +34,17 @@ class Surface:
     mipmaps: tuple[ImageArray, ...]
     """BGR textures, each half the resolution of the one before; texel (0, 0) touches u = v = 0."""
 
-    @property
+    @cached_property
     def corners_world(self) -> FloatArray:
         """(N, 3)."""
         return self.frame.to_world(self.corners_uv)
 
-    @property
+    @cached_property
     def normal(self) -> FloatArray:
         """(3,) unit normal, into the room."""
         return np.cross(self.frame.axes[0], self.frame.axes[1])
 
-    @property
+    @cached_property
     def d(self) -> float:
         """Plane offset: ``normal · X + d = 0``."""
         return -float(self.normal @ self.frame.origin)
