@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
@@ -40,6 +41,8 @@ class Estimate:
 
     planes: tuple[Plane, ...]
     """One per instance."""
+    covariance: FloatArray
+    """(4S, 4S) joint covariance of all planes' (normal, d) in the world; NaN for those that nothing places."""
     landmarks: FloatArray
     """(N, 3) world position of each track's point; NaN where a track was not used."""
     landmark_weight: FloatArray
@@ -82,17 +85,23 @@ def estimate(
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution = solve(cameras, tracks, evidence, start, config)
 
-    local_covariances = solution.covariances + np.array(
-        [
-            _shared_errors(plane, views, config.relative_depth_sigma)
-            for plane, views in zip(solution.planes, evidence.views, strict=True)
-        ]
-    )
+    shared = [
+        _shared_errors(plane, views, config.relative_depth_sigma)
+        for plane, views in zip(solution.planes, evidence.views, strict=True)
+    ]
     world_planes, jacobian = local.planes_to_world(solution.planes)
-    covariances = jacobian @ local_covariances @ jacobian.T
+    blocks = (solution.covariance + block_diag(*shared)).reshape(len(shared), 4, len(shared), 4)
+    # Block by block, so that what is unknown of one plane stays with it.
+    blocks = np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian)
     kept = np.bincount(evidence.track_surface[evidence.track_surface >= 0], minlength=len(instances))
     planes = tuple(
-        _plane(world_planes[s], covariances[s], int(kept[s]), _relative_depth_sigma(evidence, solution, s), config)
+        _plane(
+            world_planes[s],
+            blocks[s, :, s],
+            int(kept[s]),
+            _relative_depth_sigma(evidence, solution, s),
+            config,
+        )
         for s in range(len(instances))
     )
     if not any(plane.observable for plane in planes):
@@ -100,6 +109,7 @@ def estimate(
     used = np.isfinite(solution.landmarks[:, 0])
     return Estimate(
         planes=planes,
+        covariance=blocks.reshape(4 * len(instances), 4 * len(instances)),
         landmarks=local.points_to_world(solution.landmarks),
         landmark_weight=solution.robust_weight,
         landmark_instance=np.where(used, track_instance, -1),
@@ -135,7 +145,8 @@ def _relative_depth_sigma(evidence: Evidence, solution: Solution, surface: int) 
     if len(points) == 0:
         return np.inf
     homogeneous = np.column_stack([points, np.ones(len(points))])
-    variance = np.sum(homogeneous @ solution.covariances[surface] * homogeneous, axis=1)
+    own = slice(4 * surface, 4 * surface + 4)
+    variance = np.sum(homogeneous @ solution.covariance[own, own] * homogeneous, axis=1)
     views = evidence.views[surface]
     rays = views.ray[views.depths(plane[None])[0] > 0]
     return float(np.median(np.sqrt(variance) / np.abs(rays @ plane[:3]) / depth))

@@ -32,8 +32,8 @@ class Solution:
 
     planes: FloatArray
     """(S, 4)."""
-    covariances: FloatArray
-    """(S, 4, 4) of (normal, d)."""
+    covariance: FloatArray
+    """(4S, 4S) joint covariance of all planes' (normal, d)."""
     landmarks: FloatArray
     """(N, 3)."""
     robust_weight: FloatArray
@@ -76,14 +76,24 @@ def solve(
             break
     # The start is no measurement: what only it determines must not look certain.
     graph.push_back(plane_priors(evidence, planes, config.sigma_prior_depths, config))
-    marginals = gtsam.Marginals(graph, values)
-    covariances = np.full((len(start), 4, 4), np.nan)
-    for s in surfaces:
-        tangent = np.zeros((4, 3))
-        tangent[:3, :2] = values.atOrientedPlane3(P(int(s))).normal().basis()
-        tangent[3, 2] = 1.0
-        covariances[s] = tangent @ marginals.marginalCovariance(P(int(s))) @ tangent.T
-    return Solution(planes, covariances, landmarks, robust, tuple(costs), tuple(history))
+    covariance = _joint_covariance(graph, values, surfaces, len(start))
+    return Solution(planes, covariance, landmarks, robust, tuple(costs), tuple(history))
+
+
+def _joint_covariance(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, surfaces: IntArray, count: int
+) -> FloatArray:
+    """(4 count, 4 count) marginal covariance of all planes together; NaN for those not in the graph."""
+    keys = gtsam.KeyVector([P(int(s)) for s in surfaces])
+    of_tangents = gtsam.Marginals(graph, values).jointMarginalCovariance(keys).fullMatrix()
+    to_coefficients = np.zeros((4 * count, 3 * len(surfaces)))
+    for i, s in enumerate(surfaces):
+        to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = values.atOrientedPlane3(P(int(s))).normal().basis()
+        to_coefficients[4 * s + 3, 3 * i + 2] = 1.0
+    covariance = to_coefficients @ of_tangents @ to_coefficients.T
+    absent = np.repeat(~np.isin(np.arange(count), surfaces), 4)
+    covariance[absent] = covariance[:, absent] = np.nan
+    return covariance
 
 
 def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
