@@ -51,8 +51,8 @@ def solve(
     """Reconstruct the room in a scene folder.
 
     The folder holds images/, cameras (COLMAP sparse/0 or nerfstudio transforms.json) and annotations.json. Written are
-    layout.json (planes, covariances, extents), layout.glb, layout.ply, quality.json and config.json; a scene that fails
-    leaves nothing behind.
+    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json and config.json;
+    a scene that fails leaves nothing behind.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def solve(
     from gtlayout.io import load_scene
     from gtlayout.io.layout_files import write_results
     from gtlayout.method import solve as solve_scene
-    from gtlayout.report_table import element_table, reasons, verdict
+    from gtlayout.report_table import dimensions, element_table, reasons, verdict
 
     config = Config(seed=seed, restarts=restarts)
     scene = load_scene(scene_dir)
@@ -87,6 +87,8 @@ def solve(
     console.print(element_table(solution.layout, solution.quality))
     for reason in reasons(solution.layout, solution.quality):
         console.print(reason, style="yellow")
+    for dimension in dimensions(solution.layout):
+        console.print(dimension)
     warnings = solution.scene.warnings
     shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
     for warning in shown:

@@ -220,6 +220,20 @@ class QualityConfig:
     """An element whose normal is less certain is weak."""
     max_sigma_depth_share: float = 0.05
     """An element whose depth is less certain, as a share of that depth, is weak."""
+    trusted_sigma_depth_share: float = 0.05
+    """A scene is predicted trustworthy while the σ of depth, as a share of depth and in the mean over the drawn pixels,
+    is at most this: what is asked of an element, asked of all together. Where nothing is known the share is 1, so one
+    pixel in twenty on unobservable surfaces is too much."""
+    low_parallax_deg: float = 2.0
+    """Named as a cause of weakness: at 1 px noise and 500 px focal length a point is then off by 6 % of its depth."""
+    few_tracks: float = 20.0
+    """Named as a cause: fewer than these, from which on stage 4 trusts a surface fully."""
+    low_survival: float = 0.1
+    """Named as a cause: good surfaces keep 0.4 of the points sampled on them, glossy ones 0.02."""
+    disagreeing_share: float = 0.5
+    """Named as a cause: tracks and contact edges disagree when so many of the tracks were given up …"""
+    disagreeing_edge_px: float = 5.0
+    """… or when the contact edges are so far from the line in which the planes meet: 3 σ of one drawn by hand."""
 
 
 @dataclass(frozen=True)

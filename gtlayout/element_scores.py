@@ -60,14 +60,13 @@ def plane_error(layout: Layout, index: int, name: str, true: TruePlane) -> Plane
     """How far instance number ``index`` is from the true plane ``name``, beside how far it says it may be."""
     plane = layout.planes[index]
     centroid = _centroid(layout.extents[index])
-    gradient = np.append(centroid, 1.0)
     return PlaneError(
         truth=name,
         instance=layout.instances[index].name,
         normal_deg=_angle_deg(plane, true),
         offset=abs(float(true.normal @ centroid) + true.d),
         sigma_normal_deg=plane.sigma_normal_deg,
-        sigma_offset=float(np.sqrt(gradient @ plane.covariance @ gradient)),
+        sigma_offset=float(plane.sigma_offset(centroid)),
     )
 
 

@@ -16,9 +16,10 @@ from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.graph import Solution, solve
-from gtlayout.layout import Instance, Plane
+from gtlayout.layout import Instance, Plane, Support
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.starts import best_start
+from gtlayout.support import supports
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
 
@@ -93,12 +94,12 @@ def estimate(
     blocks = (solution.covariance + block_diag(*shared)).reshape(len(shared), 4, len(shared), 4)
     # Block by block, so that what is unknown of one plane stays with it.
     blocks = np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian)
-    kept = np.bincount(evidence.track_surface[evidence.track_surface >= 0], minlength=len(instances))
+    held = supports(scene, tracks, rays, instances, evidence, solution)
     planes = tuple(
         _plane(
             world_planes[s],
             blocks[s, :, s],
-            int(kept[s]),
+            held[s],
             _relative_depth_sigma(evidence, solution, s),
             config,
         )
@@ -153,7 +154,7 @@ def _relative_depth_sigma(evidence: Evidence, solution: Solution, surface: int) 
 
 
 def _plane(
-    coefficients: FloatArray, covariance: FloatArray, tracks: int, relative_sigma: float, config: EstimationConfig
+    coefficients: FloatArray, covariance: FloatArray, support: Support, relative_sigma: float, config: EstimationConfig
 ) -> Plane:
     if not np.isfinite(coefficients).all():
         note, observable = "no track and no contact edge places it", False
@@ -161,4 +162,4 @@ def _plane(
         note, observable = "nothing but weak priors determines it", False
     else:
         note, observable = "", True
-    return Plane(coefficients[:3], float(coefficients[3]), covariance, observable, note, tracks)
+    return Plane(coefficients[:3], float(coefficients[3]), covariance, observable, note, support)

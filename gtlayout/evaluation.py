@@ -18,7 +18,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import read_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
-from gtlayout.quality import assess
+from gtlayout.quality import Prediction, assess
 from gtlayout.raster import fill, rings_of
 from gtlayout.render import render
 from gtlayout.scene import FloatArray, Scene
@@ -50,6 +50,10 @@ class Evaluation:
     metric: bool
     iou: float
     accepted: bool
+    sigma_depth_share: float
+    """What the layout's covariances say of its depth, as ``Quality`` has it …"""
+    predicted: Prediction
+    """… and the verdict on it."""
     openings_iou: float | None
     instances: int
     unobservable: tuple[str, ...]
@@ -97,6 +101,8 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
         metric=scene.metric,
         iou=quality.iou,
         accepted=quality.accepted,
+        sigma_depth_share=quality.sigma_depth_share,
+        predicted=quality.predicted,
         openings_iou=quality.openings_iou,
         instances=len(layout.instances),
         unobservable=tuple(

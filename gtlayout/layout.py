@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -25,6 +26,29 @@ class Instance:
     """For doors and windows: index of the instance whose plane they lie in; None when they have none."""
 
 
+HeldBy = Literal["", "tracks", "contact edges", "right angles", "priors"]
+
+
+@dataclass(frozen=True)
+class Support:
+    """What the solve had to place a plane with: tells why a plane is weak."""
+
+    tracks: int = 0
+    """Point tracks that took part."""
+    survived: float = np.nan
+    """Share of the points sampled on it that could be followed; NaN when none was sampled."""
+    parallax_deg: float = np.nan
+    """Median over its tracks of the largest angle between two rays to the point; NaN without tracks."""
+    outvoted: float = np.nan
+    """Share of its tracks that lie off the plane and were given up; NaN without tracks or plane."""
+    contact_edges: int = 0
+    """Contact edges with other placed planes, counted in each key frame."""
+    edge_px: float = np.nan
+    """Median distance of its contact edges, as drawn, from the lines in which the planes meet; NaN without edges."""
+    held_by: HeldBy = ""
+    """The strongest kind of evidence that the plane rests on; empty when it is not known."""
+
+
 @dataclass(frozen=True)
 class Plane:
     """``normal · X + d = 0`` in the world, normal turned towards the cameras."""
@@ -38,8 +62,8 @@ class Plane:
     """False when nothing but priors determines the plane: its numbers then mean nothing."""
     note: str = ""
     """Why the plane is weak, in words; empty when it is not."""
-    tracks: int = 0
-    """Point tracks that support the plane."""
+    support: Support = Support()
+    """What places it."""
 
     @property
     def sigma_normal_deg(self) -> float:
@@ -48,13 +72,19 @@ class Plane:
             return np.nan
         return float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])))
 
-    def sigma_depth(self, point_world: FloatArray, ray_world: FloatArray) -> float:
-        """σ of the depth at which the plane is hit by a ray through ``point_world`` (on the plane).
+    def sigma_offset(self, points_world: FloatArray) -> FloatArray:
+        """(...) σ of the plane's position along its normal at points (..., 3) on it, world unit."""
+        gradient = np.concatenate([points_world, np.ones((*points_world.shape[:-1], 1))], axis=-1)
+        variance = np.einsum("...a,ab,...b->...", gradient, self.covariance, gradient)
+        # Rounding can make the variance of what is known exactly negative.
+        return np.sqrt(np.maximum(variance, 0.0))
 
-        ``ray_world`` (3,) has z = 1 in the camera, so the result is a depth along the camera's z, world unit.
+    def sigma_depth(self, points_world: FloatArray, rays_world: FloatArray) -> FloatArray:
+        """(...) σ of the depths at which the plane is hit by rays through points (..., 3) on it.
+
+        ``rays_world`` (..., 3) have z = 1 in the camera, so the result is along the camera's z, world unit.
         """
-        gradient = np.append(point_world, 1.0)
-        return float(np.sqrt(gradient @ self.covariance @ gradient)) / abs(float(self.normal @ ray_world))
+        return self.sigma_offset(points_world) / np.abs(rays_world @ self.normal)
 
 
 @dataclass(frozen=True)
@@ -124,6 +154,24 @@ class Mesh:
 
 
 @dataclass(frozen=True)
+class Dimension:
+    """The distance of two surfaces that face each other."""
+
+    first: int
+    """Index of an instance: the floor, of a height."""
+    second: int
+    """Index of the instance opposite."""
+    kind: Literal["height", "width"]
+    """Floor to ceiling, or wall to wall."""
+    length: float
+    """World unit."""
+    sigma: float
+    """σ of the length, world unit; what the errors of both planes have in common counts."""
+    ends_world: FloatArray
+    """(2, 3) where it is measured: a point on each plane."""
+
+
+@dataclass(frozen=True)
 class Layout:
     """A solved room. ``instances``, ``planes`` and ``extents`` run in parallel."""
 
@@ -134,3 +182,6 @@ class Layout:
     """Empty regions for unobservable planes."""
     mesh: Mesh
     metric: bool
+    """True when world units are metres."""
+    dimensions: tuple[Dimension, ...] = ()
+    """Heights and widths of the room."""

@@ -13,7 +13,7 @@ from shapely import MultiPoint
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.extent import polygons
-from gtlayout.layout import Extent, Instance, Mesh
+from gtlayout.layout import Extent, Instance, Mesh, Plane
 from gtlayout.scene import FloatArray, IntArray
 
 _WELD_SHARE = 1e-3
@@ -51,6 +51,19 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
     # Welding can close a sliver.
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
     return Mesh(vertices, faces[proper], np.array(owners, dtype=np.int64)[proper])
+
+
+def vertex_sigma(mesh: Mesh, planes: Sequence[Plane]) -> FloatArray:
+    """(V,) σ of the surface's position along its normal at each vertex, world unit.
+
+    Where elements share a vertex it is the largest of theirs; NaN for a vertex that no triangle uses. The σ of a depth
+    seen there is this divided by the cosine between the normal and the viewing direction.
+    """
+    sigma = np.full(len(mesh.vertices), np.nan)
+    for i in np.unique(mesh.face_instance):
+        own = np.unique(mesh.faces[mesh.face_instance == i])
+        sigma[own] = np.fmax(sigma[own], planes[i].sigma_offset(mesh.vertices[own]))
+    return sigma
 
 
 def _openings_in(host: Extent, openings: Sequence[Extent]) -> BaseGeometry:

@@ -15,6 +15,7 @@ import numpy as np
 
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
+from gtlayout.dimensions import room_dimensions
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
@@ -98,7 +99,8 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
             mesh = build_mesh(instances, extents)
         with stage("quality"):
             quality = assess(scene, instances, solved.planes, extents, config.quality)
-        layout = Layout(instances, solved.planes, extents, mesh, scene.metric)
+        dimensions = room_dimensions(instances, solved.planes, extents, solved.covariance)
+        layout = Layout(instances, solved.planes, extents, mesh, scene.metric, dimensions)
         return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s)
 
     best = run(0)

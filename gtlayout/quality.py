@@ -8,13 +8,18 @@ from typing import Literal
 
 import numpy as np
 
+from gtlayout.causes import causes
 from gtlayout.config import QualityConfig
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth, render
-from gtlayout.scene import Camera, IntArray, Scene
+from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
 Verdict = Literal["ok", "weak", "unobservable"]
+Prediction = Literal["trustworthy", "doubtful"]
+
+_STEP_PX = 4
+"""Grid on which σ of depth is sampled: planes have no detail."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class InstanceQuality:
     verdict: Verdict
     reason: str
     """Why it is not ok; empty when it is."""
+    causes: tuple[str, ...] = ()
+    """What makes it uncertain, the most important first; empty when it is certain enough or the cause is not known."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,11 @@ class Quality:
     they lie in, as in the CAD-Estate release, which stores them so; ``openings_iou`` judges them alone.
     """
     accepted: bool
+    """What the IoU says."""
+    sigma_depth_share: float
+    """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
+    predicted: Prediction
+    """What the marginals alone say."""
     openings_iou: float | None
     """Mean IoU of the doors and windows that have a host; None when there are none."""
     frames: tuple[float, ...]
@@ -79,9 +91,12 @@ def assess(
     frame_ious = mean_by_frame(scene, instances, elements)
     iou = float(np.nanmean(frame_ious))
     in_walls = [e.iou for e in elements if hosted[e.instance]]
+    share = sigma_depth_share(scene, instances, planes)
     return Quality(
         iou=iou,
         accepted=iou >= config.accept_iou,
+        sigma_depth_share=share,
+        predicted="trustworthy" if share <= config.trusted_sigma_depth_share else "doubtful",
         openings_iou=float(np.mean(in_walls)) if in_walls else None,
         frames=frame_ious,
         elements=elements,
@@ -108,6 +123,24 @@ def element_ious(
                 if frame == k:
                     elements.append(ElementIoU(k, element, i, _iou(overlap, own)))
     return tuple(elements)
+
+
+def sigma_depth_share(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
+    """Mean over all drawn pixels of the σ of depth as a share of the depth, at most 1 each.
+
+    1 also where a plane is unobservable or is not seen at all; 1 when nothing is drawn.
+    """
+    shares = [np.empty(0)]
+    for k in range(len(scene.key_frames)):
+        camera = scene.frame_of(k).camera
+        labels = annotated_labels(scene, instances, k)[::_STEP_PX, ::_STEP_PX]
+        for i in np.unique(labels[labels >= 0]):
+            y, x = np.nonzero(labels == i)
+            sigma, depth = _sigma_depth(planes[i], camera, np.column_stack([x, y]).astype(np.float64) * _STEP_PX + 0.5)
+            known = planes[i].observable & (sigma < depth)
+            shares.append(np.where(known, sigma / depth, 1.0))
+    pooled = np.concatenate(shares)
+    return float(pooled.mean()) if len(pooled) else 1.0
 
 
 def mean_by_frame(scene: Scene, instances: Sequence[Instance], elements: Sequence[ElementIoU]) -> tuple[float, ...]:
@@ -138,17 +171,25 @@ def _judge(
 ) -> InstanceQuality:
     iou = float(np.mean(ious))
     if not plane.observable:
-        return InstanceQuality(iou, np.nan, np.nan, np.nan, "unobservable", plane.note)
+        why = causes(instance, plane, config)
+        return InstanceQuality(iou, np.nan, np.nan, np.nan, "unobservable", plane.note, why)
     sigma_depth, depth = _depth_at_centroid(scene, instance, plane)
     sigma_normal_deg = plane.sigma_normal_deg
-    reasons = [plane.note] if plane.note else []
-    if iou < config.accept_iou:
-        reasons.append(f"IoU below {config.accept_iou:g}")
+    wrong = [f"IoU below {config.accept_iou:g}"] if iou < config.accept_iou else []
+    uncertain = [plane.note] if plane.note else []
     if sigma_normal_deg > config.max_sigma_normal_deg:
-        reasons.append(f"normal uncertain by more than {config.max_sigma_normal_deg:g}°")
+        uncertain.append(f"normal uncertain by more than {config.max_sigma_normal_deg:g}°")
     if not sigma_depth <= config.max_sigma_depth_share * depth:
-        reasons.append(f"depth uncertain by more than {100 * config.max_sigma_depth_share:g} %")
-    return InstanceQuality(iou, sigma_normal_deg, sigma_depth, depth, "weak" if reasons else "ok", "; ".join(reasons))
+        uncertain.append(f"depth uncertain by more than {100 * config.max_sigma_depth_share:g} %")
+    return InstanceQuality(
+        iou,
+        sigma_normal_deg,
+        sigma_depth,
+        depth,
+        "weak" if wrong or uncertain else "ok",
+        "; ".join(wrong + uncertain),
+        causes(instance, plane, config) if uncertain else (),
+    )
 
 
 def _depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
@@ -156,9 +197,14 @@ def _depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[
     k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
     camera = scene.frame_of(k).camera
     centroid = scene.key_frames[k].elements[element].amodal.centroid
-    pixel = np.array([[centroid.x, centroid.y]])
-    inverse = float(np.append(pixel[0], 1.0) @ inverse_depth(plane, camera))
-    if inverse <= 0:
-        return np.nan, np.nan
-    ray = camera.rays_world(pixel)[0]
-    return plane.sigma_depth(camera.center_world + ray / inverse, ray), 1 / inverse
+    sigma, depth = _sigma_depth(plane, camera, np.array([[centroid.x, centroid.y]]))
+    return float(sigma[0]), float(depth[0])
+
+
+def _sigma_depth(plane: Plane, camera: Camera, points_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) σ of the depth, and the depth, at which a plane is seen at (N, 2) pixels; NaN where it is not."""
+    inverse = np.column_stack([points_px, np.ones(len(points_px))]) @ inverse_depth(plane, camera)
+    # Zero on the horizon, infinite for a camera on the plane.
+    depth = 1 / np.where((inverse > 0) & np.isfinite(inverse), inverse, np.nan)
+    rays = camera.rays_world(points_px)
+    return plane.sigma_depth(camera.center_world + depth[:, None] * rays, rays), depth

@@ -27,22 +27,34 @@ def element_table(layout: Layout, quality: Quality) -> Table:
 
 
 def reasons(layout: Layout, quality: Quality) -> list[str]:
-    """Why each element that is not ok is not: one line an element."""
+    """Why each element that is not ok is not, and what makes it uncertain: one line an element."""
     return [
         f"{instance.name} is {judged.verdict}: {judged.reason}"
+        + (f" ({', '.join(judged.causes)})" if judged.causes else "")
         for instance, judged in zip(layout.instances, quality.instances, strict=True)
         if judged.reason
     ]
 
 
+def dimensions(layout: Layout) -> list[str]:
+    """Heights and widths of the room with their σ: one line each, the most certain first."""
+    unit = "m" if layout.metric else "units"
+    names = [instance.name for instance in layout.instances]
+    return [
+        f"{one.kind} {names[one.first]} – {names[one.second]}: {one.length:.3f} ± {one.sigma:.3f} {unit}"
+        for one in sorted(layout.dimensions, key=lambda one: (one.kind, one.sigma))
+    ]
+
+
 def verdict(scene: Scene, layout: Layout, quality: Quality) -> str:
-    """One line: accepted or not, and what to redraw first."""
+    """One line: accepted or not by its IoU, what the marginals predict, and what to redraw first."""
     worst = quality.elements[quality.worst_element]
     frame = scene.frame_of(worst.key_frame).name
     element = scene.key_frames[worst.key_frame].elements[worst.element].id
     openings = "" if quality.openings_iou is None else f" (doors and windows alone {quality.openings_iou:.3f})"
     return (
         f"{'Accepted' if quality.accepted else 'NOT accepted'}: IoU {quality.iou:.3f}{openings}. "
+        f"{_prediction(quality).capitalize()}. "
         f"Worst frame {scene.frame_of(quality.worst_frame).name} ({quality.frames[quality.worst_frame]:.3f}), "
         f"worst element {layout.instances[worst.instance].name} = {element} in {frame} ({worst.iou:.3f})."
     )
@@ -51,13 +63,13 @@ def verdict(scene: Scene, layout: Layout, quality: Quality) -> str:
 def markdown(layout: Layout, quality: Quality) -> str:
     """The table of elements as Markdown."""
     lines = [
-        f"**{'Accepted' if quality.accepted else 'Not accepted'}**, IoU {quality.iou:.3f}",
+        f"**{'Accepted' if quality.accepted else 'Not accepted'}**, IoU {quality.iou:.3f}; {_prediction(quality)}",
         "",
         "|" + "|".join(_COLUMNS) + "|",
         "|" + "---|" * len(_COLUMNS),
     ]
     lines += ["|" + "|".join(row) + "|" for row in _rows(layout, quality)]
-    lines += ["", *(f"- {reason}" for reason in reasons(layout, quality))]
+    lines += ["", *(f"- {line}" for line in (*reasons(layout, quality), *dimensions(layout)))]
     return "\n".join(lines)
 
 
@@ -68,6 +80,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     table.add_column("measure")
     table.add_column("value", justify="right")
     table.add_row("reprojection IoU", f"{evaluation.iou:.4f} ({'accepted' if evaluation.accepted else 'not accepted'})")
+    table.add_row("predicted σ of depth", f"{100 * evaluation.sigma_depth_share:.1f} % ({evaluation.predicted})")
     if evaluation.openings_iou is not None:
         table.add_row("IoU of doors and windows alone", f"{evaluation.openings_iou:.4f}")
     if evaluation.unobservable:
@@ -97,6 +110,10 @@ def evaluation_table(evaluation: Evaluation) -> Table:
     return table
 
 
+def _prediction(quality: Quality) -> str:
+    return f"predicted {quality.predicted}: σ of depth {100 * quality.sigma_depth_share:.1f} %"
+
+
 def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
     unit = "m" if layout.metric else "u"
     rows: list[tuple[str, ...]] = []
@@ -108,7 +125,7 @@ def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
                 instance.label,
                 f"{extent.region.area:.2f} {unit}²",
                 str(len(instance.members)),
-                str(plane.tracks),
+                str(plane.support.tracks),
                 f"{judged.sigma_normal_deg:.2f}°" if plane.observable else "–",
                 f"{judged.sigma_depth:.3f} {unit}" if plane.observable else "–",
                 f"{judged.iou:.3f}",

@@ -78,6 +78,16 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Ra
     )
 
 
+def parallax_deg(scene: Scene, tracks: Tracks, rays: Rays) -> FloatArray:
+    """(N,) largest angle at which two of a track's cameras see its triangulated point, degrees."""
+    centers = np.array([frame.camera.center_world for frame in scene.frames])
+    towards = centers[tracks.frame] - rays.points_world()[tracks.track]
+    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+    last = np.cumsum(np.bincount(tracks.track, minlength=len(tracks)))
+    cosine = [(seen @ seen.T).min() for seen in np.split(towards, last[:-1])] if len(tracks) else []
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
 def camera_path(scene: Scene) -> float:
     """Diagonal of the box that holds all camera centres, world unit; 0 when the camera does not move."""
     centers = np.array([frame.camera.center_world for frame in scene.frames])

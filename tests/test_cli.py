@@ -86,6 +86,9 @@ def test_solve_prints_table_timings_and_verdict(room: Path, solved: tuple[Path, 
         assert stage in printed
     assert "Accepted: IoU" in printed
     assert "Worst frame" in printed
+    quality = json.loads((out / "quality.json").read_text())
+    assert f"Predicted {quality['predicted']}: σ of depth {100 * quality['sigma_depth_share']:.1f} %." in printed
+    assert "height floor_0 – ceiling_0: " in printed
     assert f"Results: {out}" in printed
     table = printed.split("Accepted")[0].splitlines()
     assert max(map(len, table[:8])) <= 80
@@ -102,6 +105,7 @@ def test_evaluate_against_the_truth(room: Path, solved: tuple[Path, str], tmp_pa
     done = run("evaluate", room, "--layout", solved[0], "--json", report)
     assert done.returncode == 0, done.stderr
     assert "reprojection IoU" in done.stdout
+    assert "predicted σ of depth" in done.stdout
     figures = json.loads(report.read_text())
     assert figures["depth"]["median"] < 0.015
     assert figures["elements_on_right_instance"] == figures["elements"] > 0

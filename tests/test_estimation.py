@@ -55,7 +55,7 @@ def depth_sigma(room: Room, solved: Estimate, i: int) -> float:
     camera = room.scene.frames[0].camera
     point = room.seen_center(i)
     ray = point - camera.center_world
-    return solved.planes[i].sigma_depth(point, ray / (camera.R_cam_from_world[2] @ ray))
+    return float(solved.planes[i].sigma_depth(point, ray / (camera.R_cam_from_world[2] @ ray)))
 
 
 def test_a_room_without_noise_is_exact(room: Room) -> None:
@@ -132,7 +132,7 @@ def test_a_wall_without_tracks_is_placed_by_its_edges(room: Room, seed: int) -> 
     edges = jitter(true_edges(room), rng(seed), shift_px=1.6, tilt_px=0.6)
     solved = solve(room, make_tracks(room, rng(seed), without=[wall]), edges)
     angles_deg, offsets = errors(room, solved.planes)
-    assert solved.planes[wall].tracks == 0
+    assert solved.planes[wall].support.tracks == 0
     assert solved.planes[wall].observable
     assert abs(offsets[wall]) < 0.05
     assert angles_deg[wall] < 1.0

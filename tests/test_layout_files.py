@@ -20,14 +20,15 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_all_atomic
 from gtlayout.io.layout_files import LABEL_COLORS, read_layout, write_results
-from gtlayout.layout import Extent, Layout, Plane
-from gtlayout.mesh import build_mesh
+from gtlayout.layout import Dimension, Extent, Layout, Plane, Support
+from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality import Quality, assess
-from gtlayout.report_table import element_table, markdown, reasons, verdict
+from gtlayout.report_table import dimensions, element_table, markdown, reasons, verdict
 from gtlayout.scene import Scene
 
 DOOR = rooms.Surface("door", rooms.rectangle([1.5, 5.0, 0], [1.0, 0, 0], [0, 0, 2.0]), host=4)
 SURFACES = (*rooms.BOX[:5], DOOR)
+SUPPORT = Support(17, 0.25, 1.25, 0.5, 3, 2.5, "contact edges")
 FILES = ["config.json", "layout.glb", "layout.json", "layout.ply", "quality.json"]
 Edit = Callable[[Path, Callable[[Any], object]], None]
 
@@ -38,14 +39,16 @@ def solved() -> tuple[Scene, Layout, Quality]:
     scene = rooms.seen_from([rooms.level_camera([2.0, y, 1.25]) for y in (1.0, 0.5)], SURFACES)
     instances = rooms.instances_of(SURFACES, 2)
     planes, extents = [surface.plane for surface in SURFACES], [surface.extent for surface in SURFACES]
-    planes[0] = replace(planes[0], covariance=np.diag([1e-4, 2e-4, 3e-5, 4e-6]) + 1e-6, tracks=17, note="thin")
+    planes[0] = replace(planes[0], covariance=np.diag([1e-4, 2e-4, 3e-5, 4e-6]) + 1e-6, support=SUPPORT, note="thin")
     planes[1] = Plane(np.full(3, np.nan), np.nan, np.full((4, 4), np.nan), observable=False, note="no track places it")
     extents[1] = Extent(extents[1].frame, rooms.NOTHING, rooms.NOTHING)
     pieces = MultiPolygon([Polygon(box(0, 0, 3, 2.5).exterior, [box(1, 1, 2, 2).exterior.coords]), box(4, 0, 5, 2.5)])
     extents[2] = Extent(extents[2].frame, pieces, extents[2].unrefined)
     mesh = build_mesh(instances, extents)
     quality = assess(scene, instances, planes, extents, Config().quality)
-    return scene, Layout(instances, tuple(planes), tuple(extents), mesh, metric=True), quality
+    depth = Dimension(4, 0, "width", 5.0, 0.0125, np.array([[2.0, 5.0, 1.25], [2.0, 0.0, 1.25]]))
+    unknown = Dimension(0, 1, "height", 2.5, np.nan, np.array([[2.0, 2.5, 0.0], [2.0, 2.5, 2.5]]))
+    return scene, Layout(instances, tuple(planes), tuple(extents), mesh, True, (depth, unknown)), quality
 
 
 def test_layout_reads_back_equal(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
@@ -59,7 +62,16 @@ def test_layout_reads_back_equal(tmp_path: Path, solved: tuple[Scene, Layout, Qu
         np.testing.assert_array_equal(found.normal, plane.normal)
         np.testing.assert_array_equal(found.d, plane.d)
         np.testing.assert_array_equal(found.covariance, plane.covariance)
-        assert (found.observable, found.note, found.tracks) == (plane.observable, plane.note, plane.tracks)
+        assert (found.observable, found.note) == (plane.observable, plane.note)
+        # NaN is not equal to itself, but its text is.
+        assert repr(found.support) == repr(plane.support)
+    for read, dimension in zip(back.dimensions, layout.dimensions, strict=True):
+        assert (read.first, read.second, read.kind) == (dimension.first, dimension.second, dimension.kind)
+        np.testing.assert_array_equal([read.length, read.sigma], [dimension.length, dimension.sigma])
+        np.testing.assert_array_equal(read.ends_world, dimension.ends_world)
+    np.testing.assert_array_equal(back.mesh.vertices, layout.mesh.vertices)
+    np.testing.assert_array_equal(back.mesh.faces, layout.mesh.faces)
+    np.testing.assert_array_equal(back.mesh.face_instance, layout.mesh.face_instance)
     for got, extent in zip(back.extents, layout.extents, strict=True):
         np.testing.assert_array_equal(got.frame.axes, extent.frame.axes)
         for region, expected in ((got.region, extent.region), (got.unrefined, extent.unrefined)):
@@ -90,6 +102,18 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     assert ceiling["plane"]["normal"] == [None] * 3
     assert ceiling["verdict"] == "unobservable"
     assert len(data["elements"][2]["extent"]["polygons"][0]) == 2
+    assert data["predicted"] == quality.predicted == "doubtful", "the ceiling is unknown"
+    assert ceiling["causes"] == ["no point on it could be tracked", "no contact edge"]
+    assert data["elements"][0]["plane"]["support"]["parallax_deg"] == 1.25
+    assert data["dimensions"][0]["between"] == ["wall_4", "floor_0"]
+    assert data["dimensions"][0]["sigma"] == 0.0125
+    mesh = data["mesh"]
+    assert len(mesh["vertex_sigma"]) == len(mesh["vertices"]) == len(layout.mesh.vertices)
+    corner = mesh["vertices"].index([4.0, 0.0, 0.0])
+    covariance = layout.planes[0].covariance
+    point = np.array([4.0, 0, 0, 1])
+    assert mesh["vertex_sigma"][corner] == pytest.approx(np.sqrt(point @ covariance @ point))
+    assert mesh["face_element"].count("door_5") == 2
     config = json.loads((tmp_path / "config.json").read_text())
     assert config["config"]["seed"] == 7
     assert {"gtlayout", "python", "gtsam", "shapely"} <= set(config["versions"])
@@ -108,6 +132,8 @@ def test_quality_json_has_the_verdict_on_top(tmp_path: Path, solved: tuple[Scene
     data = json.loads((tmp_path / "quality.json").read_text(), parse_constant=pytest.fail)
     assert data["iou"] == quality.iou
     assert data["accepted"] is quality.accepted
+    assert data["predicted"] == quality.predicted
+    assert data["sigma_depth_share"] == quality.sigma_depth_share
     assert data["worst_element"]["instance"] == "ceiling_1"
     assert [len(frame["elements"]) for frame in data["frames"]] == [6, 6]
     assert [row["name"] for row in data["instances"]] == [instance.name for instance in layout.instances]
@@ -181,6 +207,9 @@ def test_ply_is_in_the_world_of_the_cameras_and_coloured_by_label(
     np.testing.assert_array_equal(surface.faces, layout.mesh.faces)
     expected = np.array([LABEL_COLORS[layout.instances[i].label] for i in layout.mesh.face_instance])
     np.testing.assert_array_equal(surface.visual.face_colors[:, :3], expected)
+    sigma = surface.metadata["_ply_raw"]["vertex"]["data"]["sigma"].ravel()
+    np.testing.assert_array_equal(sigma, vertex_sigma(layout.mesh, layout.planes).astype(np.float32))
+    assert sigma.max() > 0
 
 
 def test_layout_without_any_surface_is_written_too(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
@@ -214,6 +243,15 @@ DAMAGE: dict[str, Callable[[Any], object]] = {
     "unknown host": lambda data: data["elements"][5].update(host="wall_9"),
     "unknown label": lambda data: data["elements"][0].update(label="roof"),
     "member a number": lambda data: data["elements"][0].update(members=[1]),
+    "no support": lambda data: data["elements"][0]["plane"].pop("support"),
+    "unknown support": lambda data: data["elements"][0]["plane"]["support"].update(held_by="faith"),
+    "no dimensions": lambda data: data.pop("dimensions"),
+    "dimension of another kind": lambda data: data["dimensions"][0].update(kind="time"),
+    "dimension to nowhere": lambda data: data["dimensions"][0].update(between=["wall_4", "wall_9"]),
+    "one end": lambda data: data["dimensions"][0].update(ends=[[0, 0, 0]]),
+    "no mesh": lambda data: data.pop("mesh"),
+    "face without vertex": lambda data: data["mesh"]["faces"][0].__setitem__(0, 999),
+    "face without element": lambda data: data["mesh"]["face_element"].pop(),
     "no metric": lambda data: data.pop("metric"),
 }
 
@@ -263,8 +301,19 @@ def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> No
     line = verdict(scene, layout, quality)
     assert line.startswith("NOT accepted: IoU 0." if not quality.accepted else "Accepted: IoU 0.")
     assert "worst element ceiling_1 = e1 in 0.png" in line
-    assert reasons(layout, quality)[:2] == ["floor_0 is weak: thin", "ceiling_1 is unobservable: no track places it"]
+    assert f"Predicted doubtful: σ of depth {100 * quality.sigma_depth_share:.1f} %." in line
+    assert reasons(layout, quality)[:2] == [
+        "floor_0 is weak: thin (only contact edges hold it, seen under 1.2° of parallax, held by 17 tracks)",
+        "ceiling_1 is unobservable: no track places it (no point on it could be tracked, no contact edge)",
+    ]
+    assert dimensions(layout) == [
+        "height floor_0 – ceiling_1: 2.500 ± nan m",
+        "width wall_4 – floor_0: 5.000 ± 0.013 m",
+    ]
+    assert dimensions(replace(layout, metric=False))[1].endswith("± 0.013 units")
     text = markdown(layout, quality)
+    assert "; predicted doubtful: σ of depth" in text
+    assert "- width wall_4 – floor_0: 5.000 ± 0.013 m" in text
     assert "|floor_0|floor|20.00 m²|2|17|" in text
     assert "|ceiling_1|ceiling|0.00 m²|2|0|–|–|0.000|unobservable|" in text
 

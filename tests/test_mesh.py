@@ -14,8 +14,8 @@ from shapely import MultiPolygon, Polygon, box
 from gtlayout.config import EdgeConfig, ExtentConfig
 from gtlayout.edges import contact_edges
 from gtlayout.extent import compute_extents
-from gtlayout.layout import Extent, Mesh
-from gtlayout.mesh import build_mesh
+from gtlayout.layout import Extent, Mesh, Plane
+from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.scene import FloatArray
 
 WIDTH, DEPTH, HEIGHT = rooms.WIDTH_M, rooms.DEPTH_M, rooms.HEIGHT_M
@@ -155,3 +155,32 @@ def test_a_finely_drawn_outline_keeps_its_area() -> None:
     floor = replace(rooms.FLOOR.extent, region=MultiPolygon([outline]))
     mesh = build_mesh(rooms.instances_of((rooms.FLOOR,), 1), [floor])
     assert _areas(mesh, 1) == pytest.approx([outline.area], rel=1e-6)
+
+
+def test_sigma_of_vertices_by_hand() -> None:
+    """The floor's height known to 1 cm and its tilt about the x axis to 2°, the left wall's offset to 3 cm."""
+    mesh = _mesh((rooms.FLOOR, rooms.LEFT))
+    floor = replace(rooms.FLOOR.plane, covariance=np.diag([0, np.deg2rad(2.0) ** 2, 0, 0.01**2]))
+    wall = replace(rooms.LEFT.plane, covariance=np.diag([0, 0, 0, 0.03**2]))
+    by_place = {
+        tuple(vertex.round(6)): sigma
+        for vertex, sigma in zip(mesh.vertices, vertex_sigma(mesh, [floor, wall]), strict=True)
+    }
+    far = np.hypot(0.01, DEPTH * np.deg2rad(2.0))
+    assert by_place == pytest.approx(
+        {
+            (WIDTH, 0, 0): 0.01,
+            (WIDTH, DEPTH, 0): far,
+            (0, 0, 0): 0.03,
+            (0, DEPTH, 0): max(far, 0.03),
+            (0, 0, HEIGHT): 0.03,
+            (0, DEPTH, HEIGHT): 0.03,
+        }
+    )
+
+
+def test_a_vertex_that_nothing_uses_has_no_sigma() -> None:
+    mesh = Mesh(np.eye(4, 3), np.array([[0, 1, 2]]), np.array([0]))
+    plane = Plane(np.ones(3) / np.sqrt(3), -1 / np.sqrt(3), np.diag([0, 0, 0, 4.0]), observable=True)
+    np.testing.assert_allclose(vertex_sigma(mesh, [plane]), [2.0, 2.0, 2.0, np.nan])
+    assert vertex_sigma(Mesh.empty(), [plane]).shape == (0,)

@@ -11,8 +11,8 @@ import rooms
 from shapely import MultiPolygon
 
 from gtlayout.config import QualityConfig
-from gtlayout.layout import Extent, Instance, Plane
-from gtlayout.quality import Quality, assess
+from gtlayout.layout import Extent, Instance, Plane, Support
+from gtlayout.quality import InstanceQuality, Quality, assess
 from gtlayout.scene import Scene
 
 CAMERA = rooms.facing_camera()
@@ -174,3 +174,64 @@ def test_limits_come_from_the_configuration() -> None:
     quality = _assess(scene, [surface], accept_iou=0.5)
     assert quality.accepted
     assert quality.instances[0].verdict == "ok"
+
+
+def _known_to(surface: rooms.Surface, depth: float) -> Plane:
+    return replace(surface.plane, covariance=np.diag([0, 0, 0, depth**2]))
+
+
+def test_predicted_share_by_hand() -> None:
+    """Three quarters of the pixels known to 1 % of their depth and a quarter to 9 %: 3 % in the mean."""
+    surfaces = (rooms.facing(0, 0, 60, 80), rooms.facing(60, 0, 80, 80))
+    planes = [_known_to(surfaces[0], 0.1), _known_to(surfaces[1], 0.9)]
+    scene = rooms.seen_from([CAMERA], surfaces)
+    quality = _assess(scene, surfaces, planes)
+    assert quality.sigma_depth_share == pytest.approx(0.03)
+    assert quality.predicted == "trustworthy"
+    assert _assess(scene, surfaces, planes, trusted_sigma_depth_share=0.029).predicted == "doubtful"
+
+
+def test_both_verdicts_are_independent() -> None:
+    """A perfect rendering of nobody knows what, and a bad rendering of planes known well."""
+    surface = rooms.facing(20, 10, 80, 70)
+    scene = rooms.seen_from([CAMERA], [surface])
+    vague = _assess(scene, [surface], [_known_to(surface, 0.6)])
+    assert (vague.accepted, vague.predicted) == (True, "doubtful")
+    half = rooms.redraw(scene, 0, 0, rooms.pixels(20, 10, 50, 70))
+    sharp = _assess(half, [surface], [_known_to(surface, 0.1)])
+    assert (sharp.accepted, sharp.predicted) == (False, "trustworthy")
+
+
+def test_what_is_unobservable_counts_as_wholly_unknown() -> None:
+    surfaces = (rooms.facing(0, 0, 76, 80), rooms.facing(76, 0, 80, 80), rooms.facing(80, 0, 100, 80))
+    scene = rooms.seen_from([CAMERA], surfaces)
+    lost = Plane(np.full(3, np.nan), np.nan, np.full((4, 4), np.nan), observable=False)
+    exact = [surface.plane for surface in surfaces]
+    small, large = _assess(scene, surfaces, [exact[0], lost, exact[2]]), _assess(scene, surfaces, [*exact[:2], lost])
+    assert [small.sigma_depth_share, large.sigma_depth_share] == pytest.approx([0.04, 0.2])
+    assert (small.predicted, large.predicted) == ("trustworthy", "doubtful")
+    # No more than wholly, however large σ is.
+    assert _assess(scene, surfaces, [*exact[:2], _known_to(surfaces[2], 1e6)]).sigma_depth_share == pytest.approx(0.2)
+
+
+def test_pixels_drawn_where_the_plane_is_not_seen_count_as_unknown() -> None:
+    """A floor drawn as much above its horizon (row 50) as below it."""
+    camera = rooms.level_camera([2.0, 1.0, 1.25])
+    scene = rooms.make_scene([camera], [[("floor", rooms.pixels(60, 20, 100, 80))]])
+    assert _assess(scene, [rooms.FLOOR]).sigma_depth_share == pytest.approx(0.5, abs=0.05)
+
+
+def test_causes_are_given_for_what_is_uncertain_only() -> None:
+    surface = rooms.facing(20, 10, 80, 70)
+    scene = rooms.seen_from([CAMERA], [surface])
+    thin = Support(tracks=3, survived=0.5, parallax_deg=1.0, outvoted=0.0, contact_edges=1, edge_px=1.0)
+
+    def judged(plane: Plane, drawn: Scene = scene) -> InstanceQuality:
+        return _assess(drawn, [surface], [replace(plane, support=thin)]).instances[0]
+
+    said = ("seen under 1.0° of parallax", "held by 3 tracks")
+    assert judged(_known_to(surface, 0.6)).causes == said
+    assert judged(replace(surface.plane, observable=False)).causes == said
+    assert judged(surface.plane).causes == ()
+    badly_drawn = judged(surface.plane, rooms.redraw(scene, 0, 0, rooms.pixels(20, 10, 50, 70)))
+    assert (badly_drawn.verdict, badly_drawn.causes) == ("weak", ())

@@ -11,7 +11,7 @@ from simulation import look_at, make_room, make_tracks, no_tracks, orbit
 from gtlayout.config import TriangulationConfig
 from gtlayout.scene import Camera, FloatArray, Scene
 from gtlayout.tracking import Tracks
-from gtlayout.triangulation import camera_path, triangulate
+from gtlayout.triangulation import camera_path, parallax_deg, triangulate
 
 CONFIG = TriangulationConfig()
 
@@ -82,6 +82,7 @@ def test_without_parallax_nothing_is_known() -> None:
     rays = triangulate(scene, tracks, CONFIG)
     assert rays.sigma_rho[0] > 1000 * rays.rho[0]
     assert np.isfinite(rays.rho).all() and (rays.rho > 0).all()
+    assert parallax_deg(scene, tracks, rays) == pytest.approx([0.0], abs=1e-5)
 
 
 def test_one_wrong_position_does_not_matter() -> None:
@@ -115,6 +116,19 @@ def test_no_tracks_are_no_rays() -> None:
     rays = triangulate(scene, no_tracks(scene), CONFIG)
     assert rays.rho.shape == (0,)
     assert rays.points_world().shape == (0, 3)
+    assert parallax_deg(scene, no_tracks(scene), rays).shape == (0,)
+
+
+def test_parallax_is_the_largest_angle_between_two_rays() -> None:
+    """An equilateral triangle of two cameras and the point; the sampling camera stands between the two."""
+    point = np.array([2.0, 4.0, 1.4])
+    centers = [point - [x, np.sqrt(3.0), 0.0] for x in (0.0, 1.0, 0.3, -1.0)]
+    scene, tracks = one_point([look_at(center, point) for center in centers], point, copies=2)
+    # The second track lacks the last camera: its widest pair is that of x = 0 and 1, at 30°.
+    kept = np.arange(8) != 7
+    short = replace(tracks, track=tracks.track[kept], frame=tracks.frame[kept], points_px=tracks.points_px[kept])
+    rays = triangulate(scene, short, CONFIG)
+    assert parallax_deg(scene, short, rays) == pytest.approx([60.0, 30.0], abs=1e-5)
 
 
 def test_a_camera_that_only_turns_has_no_path() -> None:

@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import trimesh
@@ -16,11 +16,12 @@ from gtlayout import __version__
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text, read_json, write_all_atomic
-from gtlayout.layout import Extent, Instance, Layout, Mesh, Plane, PlaneFrame
+from gtlayout.layout import Dimension, Extent, HeldBy, Instance, Layout, Mesh, Plane, PlaneFrame, Support
+from gtlayout.mesh import vertex_sigma
 from gtlayout.quality import Quality
 from gtlayout.scene import LABELS, FloatArray, Label, Scene
 
-FORMAT = "gtlayout-layout/1"
+FORMAT = "gtlayout-layout/2"
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
 LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
     "floor": (201, 148, 86),
@@ -54,7 +55,7 @@ def write_results(out_dir: Path, scene: Scene, layout: Layout, quality: Quality,
 
 
 def read_layout(out_dir: Path, scene: Scene) -> Layout:
-    """Read a layout of ``scene`` back from its layout.json (without the mesh's triangles).
+    """Read a layout of ``scene`` back from its layout.json.
 
     Drawings are found by the names of image and element, so annotations may have been reordered since.
 
@@ -68,11 +69,13 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
     try:
         names = [row["name"] for row in data["elements"]]
         parts = [_read_element(row, names, _drawings(scene), path) for row in data["elements"]]
+        dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
+        mesh = _read_mesh(data["mesh"], names)
         metric = bool(data["metric"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
     instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
-    return Layout(instances, planes, extents, Mesh.empty(), metric)
+    return Layout(instances, planes, extents, mesh, metric, dimensions)
 
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> dict[str, Any]:
@@ -94,7 +97,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
                     "covariance": plane.covariance,
                     "observable": plane.observable,
                     "note": plane.note,
-                    "tracks": plane.tracks,
+                    "support": asdict(plane.support),
                     "sigma_normal_deg": judged.sigma_normal_deg,
                     "sigma_depth": judged.sigma_depth,
                 },
@@ -108,6 +111,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
                 "iou": judged.iou,
                 "verdict": judged.verdict,
                 "reason": judged.reason,
+                "causes": judged.causes,
             }
         )
     return {
@@ -116,8 +120,28 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> d
         "seed": config.seed,
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
-        "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras",
+        "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras"
+        "; vertex_sigma along the normal, the largest of the elements that share the vertex",
+        "accepted": quality.accepted,
+        "predicted": quality.predicted,
+        "sigma_depth_share": quality.sigma_depth_share,
         "elements": elements,
+        "dimensions": [
+            {
+                "kind": dimension.kind,
+                "between": [layout.instances[i].name for i in (dimension.first, dimension.second)],
+                "length": dimension.length,
+                "sigma": dimension.sigma,
+                "ends": dimension.ends_world,
+            }
+            for dimension in layout.dimensions
+        ],
+        "mesh": {
+            "vertices": layout.mesh.vertices,
+            "vertex_sigma": vertex_sigma(layout.mesh, layout.planes),
+            "faces": layout.mesh.faces,
+            "face_element": [layout.instances[i].name for i in layout.mesh.face_instance],
+        },
     }
 
 
@@ -153,10 +177,41 @@ def _read_element(
             _numbers(plane["covariance"]).reshape(4, 4),
             bool(plane["observable"]),
             plane["note"],
-            int(plane["tracks"]),
+            _read_support(plane["support"]),
         ),
         Extent(frame, _region(row["extent"]["polygons"], frame), _region(row["extent"]["unrefined"], frame)),
     )
+
+
+def _read_support(row: dict[str, Any]) -> Support:
+    if row["held_by"] not in get_args(HeldBy):
+        raise ValueError(f"unknown support {row['held_by']!r}")
+    return Support(
+        tracks=int(row["tracks"]),
+        survived=float(_numbers(row["survived"])),
+        parallax_deg=float(_numbers(row["parallax_deg"])),
+        outvoted=float(_numbers(row["outvoted"])),
+        contact_edges=int(row["contact_edges"]),
+        edge_px=float(_numbers(row["edge_px"])),
+        held_by=row["held_by"],
+    )
+
+
+def _read_dimension(row: dict[str, Any], names: list[str]) -> Dimension:
+    if row["kind"] not in ("height", "width"):
+        raise ValueError(f"unknown kind of dimension {row['kind']!r}")
+    first, second = (names.index(name) for name in row["between"])
+    length, sigma = float(_numbers(row["length"])), float(_numbers(row["sigma"]))
+    return Dimension(first, second, row["kind"], length, sigma, _numbers(row["ends"]).reshape(2, 3))
+
+
+def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
+    faces = np.array(data["faces"], dtype=np.int64).reshape(-1, 3)
+    owners = np.array([names.index(name) for name in data["face_element"]], dtype=np.int64)
+    vertices = _numbers(data["vertices"]).reshape(-1, 3)
+    if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
+        raise ValueError("the mesh's faces do not fit its vertices or elements")
+    return Mesh(vertices, faces, owners)
 
 
 def _numbers(value: Any) -> FloatArray:
@@ -169,10 +224,11 @@ def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> Multi
 
 
 def _ply(layout: Layout) -> bytes:
-    """Binary PLY in the world frame and unit of the input cameras, a colour per face by label."""
+    """Binary PLY in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
     mesh = layout.mesh
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
     surface = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
+    surface.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
     return bytes(trimesh.exchange.ply.export_ply(surface, encoding="binary"))
 
 
@@ -228,6 +284,8 @@ def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:
     return {
         "iou": quality.iou,
         "accepted": quality.accepted,
+        "sigma_depth_share": quality.sigma_depth_share,
+        "predicted": quality.predicted,
         "openings_iou": quality.openings_iou,
         "worst_frame": {"image": name(quality.worst_frame), "iou": quality.frames[quality.worst_frame]},
         "worst_element": {

@@ -1,0 +1,38 @@
+"""Why a plane is uncertain, in words for the person who drew it."""
+
+from __future__ import annotations
+
+from gtlayout.config import QualityConfig
+from gtlayout.layout import HeldBy, Instance, Plane
+
+_HELD_BY: dict[HeldBy, str] = {
+    "priors": "nothing but weak priors holds it",
+    "right angles": "only right angles hold it",
+    "contact edges": "only contact edges hold it",
+}
+
+
+def causes(instance: Instance, plane: Plane, config: QualityConfig) -> tuple[str, ...]:
+    """What is wrong with a plane's support, most important first; empty when nothing is.
+
+    First that it hangs on something weaker than measurements or that these contradict one another, then what tracks
+    lack, then edges. A door or window needs no contact edge: it has its wall.
+    """
+    support = plane.support
+    found = [_HELD_BY[support.held_by]] if support.held_by in _HELD_BY else []
+    if support.contact_edges and (
+        support.outvoted > config.disagreeing_share or support.edge_px > config.disagreeing_edge_px
+    ):
+        found.append("its tracks and contact edges disagree")
+    if support.tracks == 0:
+        found.append("no point on it could be tracked")
+    else:
+        if support.parallax_deg < config.low_parallax_deg:
+            found.append(f"seen under {support.parallax_deg:.1f}° of parallax")
+        if support.tracks < config.few_tracks:
+            found.append(f"held by {support.tracks} track{'s' if support.tracks > 1 else ''}")
+        if support.survived < config.low_survival:
+            found.append(f"only {100 * support.survived:.0f} % of the points on it could be followed")
+    if support.contact_edges == 0 and instance.host is None:
+        found.append("no contact edge")
+    return tuple(found)

@@ -1,0 +1,64 @@
+"""Stage 4, after the solve: what each plane rests on, counted and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gtlayout.evidence import EdgeGroup, Evidence
+from gtlayout.graph import Solution
+from gtlayout.layout import Instance, Support
+from gtlayout.scene import BoolArray, FloatArray, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import Rays, parallax_deg
+
+OUTVOTED = 0.1
+"""Tracks of less robust weight are given up: with Cauchy's kernel those off by more than three times its scale."""
+
+
+def supports(
+    scene: Scene,
+    tracks: Tracks,
+    rays: Rays,
+    instances: Sequence[Instance],
+    evidence: Evidence,
+    solution: Solution,
+) -> tuple[Support, ...]:
+    """What places each instance's plane. ``rays`` in the world; ``evidence`` and ``solution`` local."""
+    parallax = parallax_deg(scene, tracks, rays)
+    placed = np.isfinite(solution.planes[:, 0])
+    edges = [(g, _distance_px(g, solution.planes)) for g in evidence.edges if placed[list(g.surfaces)].all()]
+    given_up: BoolArray = solution.robust_weight < OUTVOTED
+    found = []
+    for s, instance in enumerate(instances):
+        own: BoolArray = evidence.track_surface == s
+        gaps = [gap for group, gap in edges if s in group.surfaces]
+        found.append(
+            Support(
+                tracks=int(np.count_nonzero(own)),
+                survived=_survived(scene, tracks, instance),
+                parallax_deg=float(np.median(parallax[own])) if own.any() else np.nan,
+                outvoted=float(np.mean(given_up[own])) if own.any() and placed[s] else np.nan,
+                contact_edges=len(gaps),
+                edge_px=float(np.median(gaps)) if gaps else np.nan,
+            )
+        )
+    return tuple(found)
+
+
+def _survived(scene: Scene, tracks: Tracks, instance: Instance) -> float:
+    """Share of the points sampled on an instance that could be followed; those on amodal polygons only where it has no
+    visible part.
+    """
+    visible = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
+    members = visible or instance.members
+    tried = sum(int(tracks.tried[k][e]) for k, e in members)
+    kept = sum(int(np.count_nonzero((tracks.key_frame == k) & (tracks.element == e))) for k, e in members)
+    return kept / tried if tried else np.nan
+
+
+def _distance_px(group: EdgeGroup, planes: FloatArray) -> float:
+    """Median distance of a contact edge's points from the line in which its planes meet; infinite when they do not."""
+    a, b = group.surfaces
+    return float(np.median(np.abs(group.distances_px(planes[a][None], planes[b]))))
