@@ -7,6 +7,11 @@ import rerun.blueprint as rrb
 
 from gtlayout.scene import FloatArray, Scene
 
+SIGMA_FULL_M = 0.1
+"""σ of a surface's position at which the colour scale ends in a metric scene …"""
+SIGMA_FULL_SHARE = 0.05
+"""… and in others, as a share of the scene's median depth."""
+
 
 def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Blueprint:
     """Views of a log written by :class:`gtlayout.rerun_log.RerunObserver`.
@@ -14,6 +19,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
     ``room_world`` (N, 3) are points of the room to bring into view; None while there are none.
     """
     eye = _eye(scene, room_world)
+    full = f"{100 * SIGMA_FULL_M:g} cm" if scene.metric else f"{100 * SIGMA_FULL_SHARE:g} % of the median depth"
 
     def room(name: str, *shown: str) -> rrb.Spatial3DView:
         contents = [f"world/{entity}/**" for entity in ("path", *shown)]
@@ -28,7 +34,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
         rrb.Horizontal(
             rrb.Tabs(
                 room("Room", "camera", "mesh", "landmarks", "extents/after"),
-                room("Uncertainty", "camera", "uncertainty"),
+                room(f"Uncertainty: σ blue 0, red {full}", "camera", "uncertainty", "dimensions"),
                 room("Extents (thin: before refinement)", "extents"),
                 room("Planes (timeline: iteration)", "planes", "landmarks"),
             ),

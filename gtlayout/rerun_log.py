@@ -9,11 +9,13 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 import rerun as rr
+import trimesh
 
-from gtlayout.blueprint import blueprint
+from gtlayout.blueprint import SIGMA_FULL_M, SIGMA_FULL_SHARE, blueprint
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
+from gtlayout.extent import median_depth
 from gtlayout.io.images import read_rgb
 from gtlayout.io.layout_files import LABEL_COLORS
 from gtlayout.layout import Extent, Instance, Layout, Mesh
@@ -22,6 +24,7 @@ from gtlayout.raster import annotated_labels, rings_of
 from gtlayout.render import render
 from gtlayout.report_table import markdown
 from gtlayout.scene import FloatArray, ImageArray, IntArray, Scene
+from gtlayout.support import OUTVOTED
 from gtlayout.tracking import Tracks
 from gtlayout.visualize import Observer
 
@@ -32,10 +35,8 @@ TAIL_FRAMES = 5
 """Length of the tail drawn behind each tracked point."""
 FRUSTUM_SHARE = 0.15
 """How far from the camera its image is drawn in 3D, as a share of the camera path's size."""
-SIGMA_SHARE_RED = 0.1
-"""σ of depth as a share of depth from which on a plane is drawn red."""
-OUTVOTED = 0.1
-"""Tracks of less robust weight are drawn grey."""
+SIGMA_STEP_SHARE = 0.05
+"""Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a surface."""
 
 Colors = npt.NDArray[np.uint8]
 
@@ -55,10 +56,11 @@ def _instance_colors(index: npt.ArrayLike) -> Colors:
     return _INSTANCE_COLORS[np.asarray(index, dtype=np.int64) % len(_INSTANCE_COLORS)]
 
 
-def _sigma_color(share: float) -> Colors:
-    """Green at 0, red from 1 on (and where σ is not known)."""
-    share = min(share, 1.0) if np.isfinite(share) else 1.0
-    return np.array([40 + 190 * share, 190 - 140 * share, 60], dtype=np.uint8)
+def sigma_colors(share: FloatArray) -> Colors:
+    """(N, 3) RGB of σ as a share of the scale's end: turbo from blue at 0 to red from 1 on (and where σ is unknown)."""
+    levels = np.round(255 * np.clip(np.nan_to_num(share, nan=1.0), 0.0, 1.0)).astype(np.uint8)
+    bgr = cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO).reshape(-1, 3)
+    return bgr[:, ::-1].astype(np.uint8)
 
 
 class RerunObserver(Observer):
@@ -211,7 +213,7 @@ class RerunObserver(Observer):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
 
     def quality(self, layout: Layout, quality: Quality) -> None:
-        """Rendering against annotation, planes coloured by uncertainty, the table of elements."""
+        """Rendering against annotation, surfaces coloured by their uncertainty, the table of elements."""
         for number, key_frame in enumerate(self._scene.key_frames):
             self._recording.set_time("frame", sequence=key_frame.frame)
             camera = self._scene.frame_of(number).camera
@@ -223,18 +225,33 @@ class RerunObserver(Observer):
                 )
             differs = np.where(rendered != annotated, annotated + 1, _NOTHING).astype(np.uint8)
             self._recording.log("key_frame/differs", rr.SegmentationImage(differs, opacity=0.8))
-        for index, judged in enumerate(quality.instances):
-            faces = layout.mesh.faces[layout.mesh.face_instance == index]
-            if len(faces):
-                share = judged.sigma_depth / judged.depth / SIGMA_SHARE_RED
-                surface = _surface(layout.mesh.vertices, faces, _sigma_color(share))
-                self._recording.log(f"world/uncertainty/{self._instances[index].name}", surface, static=True)
+        self._uncertainty(layout)
         for number, iou in enumerate(quality.frames):
             self._recording.set_time("frame", sequence=self._scene.key_frames[number].frame)
             self._recording.log("quality/iou", rr.Scalars(iou))
         self._recording.log(
             "summary", rr.TextDocument(markdown(layout, quality), media_type="text/markdown"), static=True
         )
+
+    def _uncertainty(self, layout: Layout) -> None:
+        """Each surface coloured by its own σ along its normal, and the dimensions."""
+        mesh, record = layout.mesh, self._recording
+        depth = median_depth(self._scene, layout.instances, layout.planes)
+        full = SIGMA_FULL_M if layout.metric else SIGMA_FULL_SHARE * depth
+        for index, (instance, plane) in enumerate(zip(layout.instances, layout.planes, strict=True)):
+            faces = mesh.faces[mesh.face_instance == index]
+            if len(faces):
+                step = SIGMA_STEP_SHARE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+                vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, faces, step, max_iter=20)
+                surface = _surface(vertices, faces, sigma_colors(plane.sigma_offset(vertices) / full))
+                record.log(f"world/uncertainty/{instance.name}", surface, static=True)
+        unit = "m" if layout.metric else "units"
+        lines = rr.LineStrips3D(
+            [dimension.ends_world for dimension in layout.dimensions],
+            labels=[f"{dimension.length:.3f} ± {dimension.sigma:.3f} {unit}" for dimension in layout.dimensions],
+            radii=-1.5,
+        )
+        record.log("world/dimensions", lines, static=True)
 
 
 def _jpeg(rgb: ImageArray) -> rr.EncodedImage:
@@ -247,12 +264,15 @@ def _closed(ring: FloatArray) -> FloatArray:
     return np.vstack([ring, ring[:1]])
 
 
-def _surface(vertices: FloatArray, faces: IntArray, color: Colors) -> rr.Mesh3D:
-    """Seen from the room's inside only, so that a view from outside looks into the room."""
+def _surface(vertices: FloatArray, faces: IntArray, colors: Colors) -> rr.Mesh3D:
+    """Of one colour (3,) or one a vertex (N, 3). Seen from the room's inside only, so that a view from outside looks
+    into the room.
+    """
     return rr.Mesh3D(
         vertex_positions=vertices,
         triangle_indices=faces,
-        albedo_factor=color,
+        albedo_factor=colors if colors.ndim == 1 else None,
+        vertex_colors=None if colors.ndim == 1 else colors,
         face_rendering=rr.components.MeshFaceRendering.Front,
     )
 

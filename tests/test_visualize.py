@@ -16,6 +16,7 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
+from gtlayout.rerun_log import sigma_colors
 from gtlayout.visualize import Observer, open_log, require_viewer, rerun_observer
 
 Log = dict[str, list[Chunk]]
@@ -60,7 +61,32 @@ def test_every_instance_has_its_surfaces(logged: tuple[Solution, Path, Log]) -> 
             assert f"/world/{group}/{instance.name}" in log
         if (solution.layout.mesh.face_instance == index).any():
             assert f"/world/mesh/{instance.name}" in log
-            assert f"/world/uncertainty/{instance.name}" in log
+            (batch,) = (chunk.to_record_batch() for chunk in log[f"/world/uncertainty/{instance.name}"])
+            colors, vertices = (
+                batch.column(f"Mesh3D:{name}").to_pylist()[0] for name in ("vertex_colors", "vertex_positions")
+            )
+            assert len(colors) == len(vertices)
+            # The ends of turbo would be σ 0 and σ 10 cm: a small room is known better than that, but not exactly.
+            rgb = np.array(colors, dtype=np.uint32)[:, None] >> np.array([24, 16, 8]) & 255
+            expected = sigma_colors(solution.layout.planes[index].sigma_offset(np.array(vertices)) / 0.1)
+            np.testing.assert_allclose(rgb, expected, atol=2)
+
+
+def test_scale_of_sigma_runs_from_blue_to_red() -> None:
+    colors = sigma_colors(np.array([0.0, 0.5, 1.0, 7.0, np.nan])).astype(int)
+    np.testing.assert_array_equal(colors[2:], np.broadcast_to(colors[2], (3, 3)))
+    blue, green, red = colors[:3]
+    assert blue.argmax() == 2
+    assert green.argmax() == 1
+    assert red.argmax() == 0
+
+
+def test_dimensions_are_drawn_with_their_sigma(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    (batch,) = (chunk.to_record_batch() for chunk in log["/world/dimensions"])
+    (labels,) = batch.column("LineStrips3D:labels").to_pylist()
+    assert labels == [f"{one.length:.3f} ± {one.sigma:.3f} m" for one in solution.layout.dimensions]
+    assert any(one.kind == "height" for one in solution.layout.dimensions)
 
 
 def test_cost_and_planes_per_iteration(logged: tuple[Solution, Path, Log]) -> None:
