@@ -23,7 +23,7 @@ def causes(instance: Instance, plane: Plane, config: QualityConfig) -> tuple[str
     if support.contact_edges and (
         support.outvoted > config.disagreeing_share or support.edge_px > config.disagreeing_edge_px
     ):
-        found.append("its tracks and contact edges disagree")
+        found.append(f"its {'tracks and ' if support.tracks else ''}contact edges disagree")
     if support.tracks == 0:
         found.append("no point on it could be tracked")
     else:

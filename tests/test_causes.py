@@ -61,5 +61,10 @@ def test_the_most_important_comes_first() -> None:
     )
 
 
+def test_without_tracks_the_edges_disagree_with_one_another() -> None:
+    support = Support(contact_edges=2, edge_px=9.0)
+    assert _causes(support) == ("its contact edges disagree", "no point on it could be tracked")
+
+
 def test_tracks_without_edges_have_nothing_to_disagree_with() -> None:
     assert _causes(replace(SOUND, outvoted=0.9, contact_edges=0, edge_px=np.nan)) == ("no contact edge",)
