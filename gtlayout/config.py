@@ -142,7 +142,7 @@ class EstimationConfig:
     """Observations of a track that enter the graph, spread evenly over it."""
     independent_observations: float = 3.0
     """A track counts as so many independent observations at most."""
-    track_cauchy: float = 2.0
+    track_cauchy: float = 1.0
     """Robust scale of a whole track, in σ."""
     full_acceptance: float = 0.4
     """Share of sampled points that survive tracking from which on a surface is trusted fully; glossy ones keep 0.02."""
@@ -150,15 +150,17 @@ class EstimationConfig:
     """Tracks from which on a surface is trusted fully."""
     max_tracks: int = 400
     """Tracks of an element that enter the graph: more only cost time, for their weights have a limit together."""
-    max_track_weight: float = 200.0
+    max_track_weight: float = 60.0
     """Sum of the weights of an element's tracks."""
     sigma_edge_shift_px: float = 1.6
     """Shift of an annotated edge as a whole."""
     sigma_edge_tilt_px: float = 0.6
     """Tilt of an annotated edge: half the difference of its two representative points."""
-    edge_cauchy: float = 6.3
+    edge_cauchy: float = 3.0
     """Robust scale of an edge, in σ."""
-    sigma_perpendicularity: float = 0.1
+    max_contact_px: float = 10.0
+    """Two surfaces whose contact edge is further than this from where their planes meet do not touch."""
+    sigma_perpendicularity: float = 0.02
     """Deviation from a right angle, radians."""
     right_angle_reach: float = 0.25
     """sin of the deviation up to which two walls are taken to be meant at a right angle."""

@@ -12,13 +12,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gtlayout.config import EstimationConfig
+from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.graph import Solution, solve
 from gtlayout.layout import Instance, Plane, Support
 from gtlayout.scene import FloatArray, IntArray, Scene
-from gtlayout.starts import best_start
 from gtlayout.support import supports
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
@@ -80,7 +80,7 @@ def estimate(
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     local = Normalisation.of(rays, scene.metric)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
-    start = best_start(evidence, config, seed)
+    evidence, start = start_without_wrong_contacts(evidence, config, seed)
     if not np.isfinite(start).any():
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]

@@ -28,12 +28,12 @@ def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> Float
         if number % 2:
             # Mirror images outvote edges when there are many of them: half of the searches trust tracks less.
             search = replace(search, max_track_weight=search.max_track_weight / 4)
-        planes, cost = _polish(evidence, initial_planes(evidence, config.depth_range, search, seed + number), config)
+        planes, cost = polish(evidence, initial_planes(evidence, config.depth_range, search, seed + number), config)
         ranked.append((int(np.count_nonzero(np.isnan(planes[:, 0]))), cost, number, planes))
     return min(ranked, key=lambda candidate: candidate[:3])[3]
 
 
-def _polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> tuple[FloatArray, float]:
+def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> tuple[FloatArray, float]:
     """Optimise all planes on tracks reduced to inverse depths, and what that costs."""
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0].tolist()
     graph = structure_factors(evidence, start, config)
