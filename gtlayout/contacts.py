@@ -1,0 +1,76 @@
+"""Stage 4, before the graph: contacts that are none.
+
+Where an annotator left out an occlusion edge, two surfaces that only hide each other look as if they met, in every key
+frame that shows both: too many and too consistent for a robust kernel. But such a contact fits no planes that the rest
+agrees on. So the pair of surfaces that fits worst is taken out, until all that is left fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from gtlayout.config import EstimationConfig
+from gtlayout.evidence import EdgeGroup, Evidence
+from gtlayout.scene import FloatArray
+from gtlayout.starts import best_start, polish
+
+Pair = tuple[int, int]
+_NONSENSE_PX = 100.0
+"""Distances are counted up to this: planes that coincide have no line at all."""
+_READMITTED = 0.6
+"""A pair comes back once it fits better than this share of the limit."""
+_ROUNDS = 4
+"""Searches for starting planes at most: without the wrong contacts others may turn out to be right."""
+
+
+def start_without_wrong_contacts(
+    evidence: Evidence, config: EstimationConfig, seed: int
+) -> tuple[Evidence, FloatArray]:
+    """Evidence without the contact edges of pairs that disagree with all else, and (S, 4) starting planes for it."""
+    dropped: frozenset[Pair] = frozenset()
+    tried = set()
+    while True:
+        kept = _without(evidence, dropped)
+        planes = best_start(kept, config, seed)
+        tried.add(dropped)
+        fit = _misfits_px(evidence, planes)
+        dropped = frozenset(pair for pair in dropped if fit.get(pair, np.inf) > _READMITTED * config.max_contact_px)
+        dropped |= _disagreeing(_without(evidence, dropped), planes, config)
+        if dropped in tried or len(tried) == _ROUNDS:
+            return kept, planes
+
+
+def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> frozenset[Pair]:
+    """The worst pair, then the worst without it … until all fit."""
+    dropped: frozenset[Pair] = frozenset()
+    while True:
+        planes, _ = polish(_without(evidence, dropped), planes, config)
+        fit = _misfits_px(_without(evidence, dropped), planes)
+        worst = max(fit, key=lambda pair: fit[pair], default=None)
+        if worst is None or fit[worst] <= config.max_contact_px:
+            return dropped
+        dropped |= {worst}
+
+
+def _without(evidence: Evidence, dropped: frozenset[Pair]) -> Evidence:
+    return replace(evidence, edges=tuple(group for group in evidence.edges if _pair(group) not in dropped))
+
+
+def _pair(group: EdgeGroup) -> Pair:
+    a, b = group.surfaces
+    return (a, b) if a < b else (b, a)
+
+
+def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
+    """Of each pair whose planes are known the root mean square distance of its edge from their line: the median over
+    the key frames.
+    """
+    found: dict[Pair, list[float]] = {}
+    for group in evidence.edges:
+        a, b = group.surfaces
+        if np.isfinite(planes[[a, b], 0]).all():
+            distance_px = np.minimum(np.abs(group.distances_px(planes[[a]], planes[b])), _NONSENSE_PX)
+            found.setdefault(_pair(group), []).append(float(np.sqrt(np.mean(distance_px**2))))
+    return {pair: float(np.median(distances)) for pair, distances in found.items()}
