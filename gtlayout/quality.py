@@ -12,7 +12,7 @@ from gtlayout.config import QualityConfig
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth, render
-from gtlayout.scene import Camera, IntArray, Scene
+from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
 Verdict = Literal["ok", "weak", "unobservable"]
 
@@ -151,12 +151,16 @@ def _judge(
     return InstanceQuality(iou, sigma_normal_deg, sigma_depth, depth, "weak" if reasons else "ok", "; ".join(reasons))
 
 
+def centroid_of_largest(scene: Scene, instance: Instance) -> tuple[Camera, FloatArray]:
+    """The camera that the largest annotated polygon of an instance was drawn in, and its centroid there, (1, 2) px."""
+    k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
+    centroid = scene.key_frames[k].elements[element].amodal.centroid
+    return scene.frame_of(k).camera, np.array([[centroid.x, centroid.y]])
+
+
 def _depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
     """σ of the depth, and the depth, where the plane is seen through the centroid of the largest annotated polygon."""
-    k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
-    camera = scene.frame_of(k).camera
-    centroid = scene.key_frames[k].elements[element].amodal.centroid
-    pixel = np.array([[centroid.x, centroid.y]])
+    camera, pixel = centroid_of_largest(scene, instance)
     inverse = float(np.append(pixel[0], 1.0) @ inverse_depth(plane, camera))
     if inverse <= 0:
         return np.nan, np.nan
