@@ -1,4 +1,4 @@
-"""A box room without images: cameras on a path, exact polygons per key frame, tracks with chosen errors."""
+"""Rooms without images: cameras on a path, exact polygons per key frame, tracks with chosen errors."""
 
 from __future__ import annotations
 
