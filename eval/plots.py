@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from scipy.stats import chi2
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_atomic
@@ -126,6 +127,41 @@ def sigma_against_error(
         panel.set_ylabel(f"error of {quantity}, {unit}")
         _scale(panel, "x", ends, log=True)
         _scale(panel, "y", (bottom, top), log=True)
+        _legend(figure, panel, columns=2)
+        _save(figure, path)
+
+
+def reliability(path: Path, squared: Mapping[str, FloatArray], dof: int) -> None:
+    """Share of true values that lie in ellipsoids which should hold so many: calibrated ones follow the diagonal.
+
+    Args:
+        path: where the picture goes, .png or .svg.
+        squared: group → (N,) squared errors in units of their own covariance (NEES). NaN is left out.
+        dof: degrees of freedom of an error.
+
+    Raises:
+        GtlayoutError: another suffix, or the folder or disk does not take the file.
+    """
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(WIDTH_IN, 5.2), layout="constrained")
+        panel = figure.subplots()
+        panel.plot([0, 100], [0, 100], color="#333333", linewidth=0.8, label="calibrated")
+        for k, (name, values) in enumerate(squared.items()):
+            nominal = 100 * np.sort(chi2.cdf(values[np.isfinite(values)], dof))
+            count = len(nominal)
+            panel.step(
+                [0, *nominal, 100],
+                [*(100 * np.arange(count + 1) / max(1, count)), 100 * min(1, count)],
+                where="post",
+                color=COLORS[k % len(COLORS)],
+                linestyle=DASHES[k % len(DASHES)],
+                linewidth=1.8,
+                label=f"{name} ({count})",
+            )
+        panel.set_xlabel("should lie in the ellipsoid, %")
+        panel.set_ylabel("lie in it, %")
+        panel.set_box_aspect(1)
+        _scale(panel, "xy", (0.0, 100.0), log=False)
         _legend(figure, panel, columns=2)
         _save(figure, path)
 

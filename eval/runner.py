@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -62,6 +62,19 @@ def find_scenes(root: Path) -> dict[str, Path]:
         looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in CAMERA_READERS)
         raise GtlayoutError(f"no scene in {root} and its folders; looked for {looked_for}")
     return scenes
+
+
+def scenes_by_folder(roots: Sequence[Path]) -> dict[str, dict[str, Path]]:
+    """Name of the folder that scenes lie in → scene → its folder. Raises GtlayoutError when names are not unique."""
+    if not roots:
+        raise GtlayoutError("name at least one scene folder, or folder of scene folders")
+    found: dict[str, dict[str, Path]] = {}
+    for root in roots:
+        for name, path in find_scenes(root).items():
+            scenes = found.setdefault(path.resolve().parent.name, {})
+            if scenes.setdefault(name, path).resolve() != path.resolve():
+                raise GtlayoutError(f"{scenes[name]} and {path}: two scenes of one name in folders of one name")
+    return found
 
 
 def run_scenes(

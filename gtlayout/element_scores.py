@@ -59,7 +59,7 @@ def match_instances(layout: Layout, truth: Truth) -> dict[str, int]:
 def plane_error(layout: Layout, index: int, name: str, true: TruePlane) -> PlaneError:
     """How far instance number ``index`` is from the true plane ``name``, beside how far it says it may be."""
     plane = layout.planes[index]
-    centroid = _centroid(layout.extents[index])
+    centroid = centroid_world(layout.extents[index])
     return PlaneError(
         truth=name,
         instance=layout.instances[index].name,
@@ -68,6 +68,14 @@ def plane_error(layout: Layout, index: int, name: str, true: TruePlane) -> Plane
         sigma_normal_deg=plane.sigma_normal_deg,
         sigma_offset=float(plane.sigma_offset(centroid)),
     )
+
+
+def centroid_world(extent: Extent) -> FloatArray:
+    """(3,) centroid of an extent; its frame's origin when it is empty."""
+    point = extent.region.centroid
+    uv = np.zeros((1, 2)) if point.is_empty else np.array([[point.x, point.y]])
+    centroid: FloatArray = extent.frame.to_world(uv)[0]
+    return centroid
 
 
 def found_in_truth(layout: Layout, quality: Quality, truth: Truth, match: Mapping[str, int]) -> Found:
@@ -121,10 +129,3 @@ def _is_right(layout: Layout, quality: Quality, index: int, true: TruePlane) -> 
 
 def _angle_deg(plane: Plane, true: TruePlane) -> float:
     return float(np.rad2deg(np.arccos(np.clip(plane.normal @ true.normal, -1.0, 1.0))))
-
-
-def _centroid(extent: Extent) -> FloatArray:
-    point = extent.region.centroid
-    uv = np.zeros((1, 2)) if point.is_empty else np.array([[point.x, point.y]])
-    centroid: FloatArray = extent.frame.to_world(uv)[0]
-    return centroid

@@ -192,12 +192,16 @@ def _judge(
     )
 
 
+def centroid_of_largest(scene: Scene, instance: Instance) -> tuple[Camera, FloatArray]:
+    """The camera that the largest annotated polygon of an instance was drawn in, and its centroid there, (1, 2) px."""
+    k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
+    centroid = scene.key_frames[k].elements[element].amodal.centroid
+    return scene.frame_of(k).camera, np.array([[centroid.x, centroid.y]])
+
+
 def _depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
     """σ of the depth, and the depth, where the plane is seen through the centroid of the largest annotated polygon."""
-    k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
-    camera = scene.frame_of(k).camera
-    centroid = scene.key_frames[k].elements[element].amodal.centroid
-    sigma, depth = _sigma_depth(plane, camera, np.array([[centroid.x, centroid.y]]))
+    sigma, depth = _sigma_depth(plane, *centroid_of_largest(scene, instance))
     return float(sigma[0]), float(depth[0])
 
 

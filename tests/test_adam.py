@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 import pytest
-import simulation
 from shapely import MultiPolygon
 
 import adam
+import simulation
 from gtlayout.layout import Instance
 from gtlayout.scene import FloatArray
 

@@ -11,6 +11,14 @@ import pytest
 import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
+
+from gtlayout.config import CorrespondenceConfig, TriangulationConfig
+from gtlayout.correspondence import correspond
+from gtlayout.hosts import find_hosts
+from gtlayout.layout import Instance
+from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import triangulate
 from simulation import (
     Room,
     as_multi,
@@ -23,14 +31,6 @@ from simulation import (
     orbit,
     true_instance,
 )
-
-from gtlayout.config import CorrespondenceConfig, TriangulationConfig
-from gtlayout.correspondence import correspond
-from gtlayout.hosts import find_hosts
-from gtlayout.layout import Instance
-from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
 
 CONFIG = CorrespondenceConfig()
 TRACKS_ONLY = replace(CONFIG, carried_weight=0.0)

@@ -10,12 +10,12 @@ import pytest
 import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
-from simulation import as_multi, make_room, orbit, true_edges
 
 from gtlayout.config import EdgeConfig
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.layout import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, KeyFrame, Scene
+from simulation import as_multi, make_room, orbit, true_edges
 
 CONFIG = EdgeConfig()
 LEFT, RIGHT = shapely.box(20, 20, 100, 120), shapely.box(100, 20, 180, 120)

@@ -7,6 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from shapely import MultiPolygon
+
+from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.errors import GtlayoutError
+from gtlayout.estimation import Estimate, estimate
+from gtlayout.layout import Instance
+from gtlayout.scene import Element, KeyFrame
+from gtlayout.triangulation import triangulate
 from simulation import (
     Room,
     as_multi,
@@ -24,13 +31,6 @@ from simulation import (
     true_edges,
     true_instance,
 )
-
-from gtlayout.config import EstimationConfig, TriangulationConfig
-from gtlayout.errors import GtlayoutError
-from gtlayout.estimation import Estimate, estimate
-from gtlayout.layout import Instance
-from gtlayout.scene import Element, KeyFrame
-from gtlayout.triangulation import triangulate
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 EXACT = EstimationConfig(settled=0.0, relative_decrease=1e-9)

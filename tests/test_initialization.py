@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulation import Room, box_faces, chosen, make_room, make_tracks, orbit, true_edges, true_instance
 
 from gtlayout.config import EstimationConfig, TriangulationConfig
 from gtlayout.edges import ContactEdge
@@ -16,6 +15,7 @@ from gtlayout.initialization import face_cameras, initial_planes
 from gtlayout.scene import FloatArray
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
+from simulation import Room, box_faces, chosen, make_room, make_tracks, orbit, true_edges, true_instance
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 CONFIG = EstimationConfig()

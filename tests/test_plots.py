@@ -10,7 +10,8 @@ import pytest
 from matplotlib import rcParams
 
 from gtlayout.errors import GtlayoutError
-from plots import per_scene, sigma_against_error
+from gtlayout.scene import FloatArray
+from plots import per_scene, reliability, sigma_against_error
 
 RNG = np.random.default_rng(0)
 SCENES = [f"scene{i:04d}" for i in range(64)]
@@ -99,6 +100,21 @@ def test_legend_says_what_share_lies_below_the_lines(tmp_path: Path) -> None:
     text = (tmp_path / "s.svg").read_text()
     for label in ("error = σ: 43% below", "error = 2σ: 86% below", "wall (7)", "predicted σ of offset, m"):
         assert label in text
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "squared",
+    [
+        pytest.param({"orbit": RNG.chisquare(3, 100), "dolly": RNG.chisquare(3, 20)}, id="two groups"),
+        pytest.param({"orbit": np.array([2.0, np.nan, 1e9])}, id="holes and a giant"),
+        pytest.param({"orbit": np.empty(0)}, id="empty"),
+        pytest.param({}, id="nothing"),
+    ],
+)
+def test_reliability_draws_whatever_there_is(tmp_path: Path, squared: dict[str, FloatArray]) -> None:
+    reliability(tmp_path / "r.png", squared, 3)
+    assert _is_picture(tmp_path / "r.png")
 
 
 def test_other_formats_are_refused(tmp_path: Path) -> None:

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulation import look_at, make_room, make_tracks, no_tracks, orbit
 
 from gtlayout.config import TriangulationConfig
 from gtlayout.scene import Camera, FloatArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import camera_path, parallax_deg, triangulate
+from simulation import look_at, make_room, make_tracks, no_tracks, orbit
 
 CONFIG = TriangulationConfig()
 

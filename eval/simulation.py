@@ -1,4 +1,4 @@
-"""A box room without images: cameras on a path, exact polygons per key frame, tracks with chosen errors."""
+"""Rooms without images: cameras on a path, exact polygons per key frame, tracks with chosen errors."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+import consistency
 from gtlayout.config import EstimationConfig, TriangulationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.estimation import Estimate, estimate
@@ -92,6 +93,15 @@ def box_faces(width: float = 4.0, length: float = 5.0, height: float = 2.5) -> t
     return tuple(Face(label, np.array(corners, dtype=np.float64)) for label, corners in quads)
 
 
+def prism_faces(walls: int, radius: float = 3.0, height: float = 2.5) -> tuple[Face, ...]:
+    """Floor, ceiling and so many equal walls round the origin, corners at ``radius``, z up."""
+    angle = 2 * np.pi * np.arange(walls) / walls
+    floor = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(walls)])
+    ceiling = floor + np.array([0.0, 0.0, height])
+    sides = [np.array([floor[i], ceiling[i], ceiling[i - 1], floor[i - 1]]) for i in range(walls)]
+    return (Face("floor", floor[::-1]), Face("ceiling", ceiling), *(Face("wall", side) for side in sides))
+
+
 def look_at(center: FloatArray, target: FloatArray, intrinsics: FloatArray = K, size: tuple[int, int] = SIZE) -> Camera:
     """A camera at ``center`` that looks at ``target``, z up in the world."""
     forward = (target - center) / np.linalg.norm(target - center)
@@ -110,6 +120,15 @@ def orbit(frames: int = 21, sweep_m: float = 1.4) -> list[Camera]:
         center[2] += 0.07 * sweep_m * np.sin(5 * share)
         cameras.append(look_at(center, target))
     return cameras
+
+
+def ring(frames: int, radius: float = 0.6) -> list[Camera]:
+    """A full turn round the origin, looking across it."""
+    angle = 2 * np.pi * np.arange(frames) / frames
+    outwards = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(frames)])
+    return [
+        look_at(radius * out + np.array([0.0, 0.0, 1.4]), -3.0 * out + np.array([0.0, 0.0, 1.2])) for out in outwards
+    ]
 
 
 def make_room(
@@ -339,18 +358,12 @@ def errors(room: Room, planes: Sequence[Plane]) -> tuple[FloatArray, FloatArray]
 
 def nees(room: Room, planes: Sequence[Plane]) -> FloatArray:
     """(S,) squared error of each plane in its own σ; 3 on average when the covariances are right."""
-    values = []
-    for i, plane in enumerate(planes):
-        # In a frame round the seen centre normal and offset are hardly coupled: the inverse is then harmless.
-        to_center = np.eye(4)
-        to_center[3, :3] = room.seen_center(i)
-        tangent = np.zeros((3, 4))
-        tangent[:2, :3] = np.linalg.svd(room.planes[i, :3][None])[2][1:]
-        tangent[2, 3] = 1.0
-        reduce = tangent @ to_center
-        error = reduce @ (np.append(plane.normal, plane.d) - room.planes[i])
-        values.append(error @ np.linalg.solve(reduce @ plane.covariance @ reduce.T, error))
-    return np.array(values)
+    return np.array(
+        [
+            consistency.nees(*consistency.plane_error_at(plane, true[:3], true[3], room.seen_center(i)))
+            for i, (plane, true) in enumerate(zip(planes, room.planes, strict=True))
+        ]
+    )
 
 
 def _xy(point: shapely.Point) -> FloatArray:

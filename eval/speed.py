@@ -1,0 +1,252 @@
+"""Speed: what a solve takes, how that grows, and how it compares with the paper's own optimiser."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+import adam
+import simulation
+from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_series
+from command_line import exit_status, new_app
+from gtlayout import graph
+from gtlayout.config import Config, TriangulationConfig
+from gtlayout.errors import GtlayoutError
+from gtlayout.evidence import Normalisation, gather
+from gtlayout.io import load_scene
+from gtlayout.method import Solution, solve
+from gtlayout.starts import best_start
+from gtlayout.triangulation import triangulate
+from metrics import Metric, write_tables
+from runner import scenes_by_folder
+
+COMMAND = (sys.executable, "-c", "import sys; from gtlayout.cli import main; sys.exit(main())")
+"""What the command ``gtlayout`` is."""
+CHILD_USAGE = Path(__file__).with_name("child_usage.py")
+MIB = 1 << 20
+
+
+@dataclass(frozen=True)
+class Size:
+    """Of a simulated room: a prism, seen on a full turn."""
+
+    tracks: int = 375
+    walls: int = 4
+    frames: int = 120
+    reach: int = 40
+    """Frames that a point is followed each way."""
+    key_frames: int = 10
+
+
+BASE = Size()
+GROWTH = {
+    "1 ×": BASE,
+    "tracks 4 ×": replace(BASE, tracks=4 * BASE.tracks),
+    "tracks 16 ×": replace(BASE, tracks=16 * BASE.tracks),
+    "planes 2 ×": replace(BASE, walls=10),
+    "planes 4 ×": replace(BASE, walls=22),
+    "frames 2 ×": replace(BASE, frames=2 * BASE.frames),
+    "frames 4 ×": replace(BASE, frames=4 * BASE.frames),
+    "1,500 tracks, 20,000 observations, 6 planes": replace(BASE, tracks=1500, reach=9),
+}
+"""The last one has a limit: its graph, 0.6 s on two cores."""
+
+app = new_app("speed", __doc__)
+
+
+@app.default
+def measure(
+    *roots: Annotated[Path, Parameter(name="SCENE")],
+    out: Path,
+    runs: Annotated[int, Parameter(validator=Number(gte=1, lte=max(RUNS)))] = 10,
+    repeats: Annotated[int, Parameter(validator=Number(gte=1))] = 3,
+) -> None:
+    """Time solves of scenes, the paper's optimiser on the same tracks, and the estimator on simulated rooms.
+
+    Only what is run is printed, and all of it is run now: nothing is taken from an earlier run, nothing extrapolated.
+
+    Parameters
+    ----------
+    roots
+        Scene folders, or folders of scene folders.
+    out
+        Where the tables go.
+    runs
+        Runs of the paper's optimiser, which takes 100 in the paper.
+    repeats
+        Times that all else is run; the shortest counts.
+    """
+    scenes: dict[str, list[Metric]] = {}
+    papers: dict[str, list[Metric]] = {}
+    for folder, found in scenes_by_folder(roots).items():
+        for name, path in found.items():
+            try:
+                command = time_command(path, repeats)
+                solution, solved = time_solve(path, repeats)
+            except GtlayoutError as error:
+                print(f"{folder}/{name}: {error}", file=sys.stderr)
+                continue
+            prepared = prepared_of(solution)
+            scenes[f"{folder}/{name}"] = [*command, *solved, *time_estimation(prepared, repeats)]
+            papers[f"{folder}/{name}"] = compare_with_paper(prepared, runs, repeats)
+    growth = grown({name: time_estimation(simulated(size), repeats) for name, size in GROWTH.items()})
+    for name, rows, title in (("scenes", scenes, "scene"), ("paper", papers, "scene"), ("growth", growth, "simulated")):
+        write_tables(out, name, rows, title)
+        print((out / f"{name}.md").read_text(encoding="utf-8"))
+    print(f"Results: {out}")
+
+
+def time_command(folder: Path, repeats: int) -> list[Metric]:
+    """``gtlayout solve`` as it is called: shortest time and largest peak memory. Raises GtlayoutError when it fails."""
+    seconds, peak = [], []
+    for _ in range(repeats):
+        with tempfile.TemporaryDirectory() as out:
+            command = [sys.executable, str(CHILD_USAGE), *COMMAND, "solve", str(folder), "--out", out]
+            ran = subprocess.run(command, capture_output=True, text=True, check=True)
+        usage = json.loads(ran.stdout.splitlines()[-1])
+        if usage["status"] != 0:
+            raise GtlayoutError(ran.stderr.strip() or f"gtlayout solve ended with exit status {usage['status']}")
+        seconds.append(usage["seconds"])
+        peak.append(usage["peak_bytes"])
+    return [Metric("command", min(seconds), "s", False), Metric("peak_memory", max(peak) / MIB, "MiB", False)]
+
+
+def time_solve(folder: Path, repeats: int) -> tuple[Solution, list[Metric]]:
+    """The same within this process, files read already. Raises GtlayoutError when the scene cannot be solved."""
+    scene = load_scene(folder)
+    seconds, stages = [], []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        solution = solve(scene, Config())
+        seconds.append(time.perf_counter() - start)
+        stages.append(solution.timings_s)
+    shortest = {name: min(of[name] for of in stages) for name in ("tracking", "estimation")}
+    return solution, [
+        Metric("solve", min(seconds), "s", False),
+        *(Metric(name, of, "s", False) for name, of in shortest.items()),
+        Metric("estimation_share", shortest["estimation"] / min(seconds), "", None),
+    ]
+
+
+def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
+    """Size of the problem, and shortest times of the two halves of stage 4: the starting planes, and the graph.
+
+    The graph is all of it: built, optimised and asked for its marginals.
+    """
+    scene, config = prepared.scene, Config()
+    local = Normalisation.of(prepared.rays, scene.metric)
+    cameras = [local.camera(frame.camera) for frame in scene.frames]
+    starts, graphs = [], []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        evidence = gather(
+            scene,
+            prepared.tracks,
+            local.rays(prepared.rays),
+            prepared.track_instance,
+            prepared.instances,
+            prepared.edges,
+            local,
+            config.estimation,
+        )
+        planes = best_start(evidence, config.estimation, config.seed)
+        between = time.perf_counter()
+        graph.solve(cameras, prepared.tracks, evidence, planes, config.estimation)
+        graphs.append(time.perf_counter() - between)
+        starts.append(between - begin)
+    return [
+        Metric("tracks", len(prepared.tracks), "", None),
+        Metric("observations", len(prepared.tracks.track), "", None),
+        Metric("planes", len(prepared.instances), "", None),
+        Metric("frames", len(scene.frames), "", None),
+        Metric("start", min(starts), "s", False),
+        Metric("graph", min(graphs), "s", False),
+    ]
+
+
+def compare_with_paper(prepared: Prepared, runs: int, repeats: int) -> list[Metric]:
+    """Seconds from tracks and edges to the IoU: one run of ours, as many of the paper's as were run, and the ratio.
+
+    The paper's are timed once each: their number evens them out.
+    """
+    config = Config()
+    ours = run_series(lambda _number: own_planes(prepared, config, 0), prepared, config, repeats).seconds.min()
+    problem = adam.problem(prepared.scene, prepared.tracks, prepared.track_instance, prepared.instances, prepared.edges)
+    series = run_series(partial(paper_planes, problem, adam.AdamConfig()), prepared, config, runs)
+    return [Metric("gtlayout", float(ours), "s", False), *_papers(series, float(ours), runs)]
+
+
+def _papers(series: Series, ours_s: float, runs: int) -> list[Metric]:
+    metrics = []
+    for count in sorted({*(r for r in RUNS if r < runs), runs}):
+        seconds = float(series.seconds[:count].sum())
+        metrics += [
+            Metric(f"paper, R = {count}", seconds, "s", False),
+            Metric(f"ratio, R = {count}", seconds / ours_s, "", None),
+        ]
+    return metrics
+
+
+def simulated(size: Size) -> Prepared:
+    """A room without images, tracks half a pixel off."""
+    key_frames = np.linspace(0, size.frames, size.key_frames, endpoint=False).astype(int).tolist()
+    room = simulation.make_room(simulation.ring(size.frames), key_frames, simulation.prism_faces(size.walls))
+    drawings = sum(len(key_frame.elements) for key_frame in room.scene.key_frames)
+    # Points near the border of the image are soon lost: some more than are wanted, then as many as are.
+    tracks = simulation.make_tracks(
+        room, np.random.default_rng(0), per_element=int(np.ceil(1.5 * size.tracks / drawings)), reach=size.reach
+    )
+    tracks = simulation.chosen(tracks, np.linspace(0, len(tracks) - 1, size.tracks).round().astype(int))
+    return Prepared(
+        room.scene,
+        tracks,
+        triangulate(room.scene, tracks, TriangulationConfig()),
+        room.instances,
+        simulation.true_instance(room, tracks),
+        simulation.true_edges(room),
+    )
+
+
+def prepared_of(solution: Solution) -> Prepared:
+    """What a solve handed to its estimator."""
+    return Prepared(
+        solution.scene,
+        solution.tracks,
+        triangulate(solution.scene, solution.tracks, Config().triangulation),
+        solution.layout.instances,
+        solution.track_instance,
+        solution.edges,
+    )
+
+
+def grown(rows: Mapping[str, Sequence[Metric]]) -> dict[str, list[Metric]]:
+    """The rows with each time as a multiple of the first row's beside it."""
+    first = {metric.key: metric.value for metric in next(iter(rows.values()))}
+    return {
+        name: [
+            *row,
+            *(Metric(f"{m.key}_ratio", m.value / first[m.key], "", None) for m in row if m.unit == "s"),
+        ]
+        for name, row in rows.items()
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line and return its exit status."""
+    return exit_status(app, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""The script that times solves, run on small scenes: shapes and ratios, never seconds. And what the seconds hang on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gtsam
+import numpy as np
+import pytest
+
+import adam
+import speed
+from gtlayout import graph
+from gtlayout.config import Config
+from gtlayout.evidence import Normalisation, gather
+from gtlayout.starts import best_start
+from gtlayout.synth import SynthConfig, synthesize
+from metrics import Metric, read_rows
+
+SMALL = speed.Size(tracks=60, frames=60, key_frames=4)
+
+
+def test_small_scenes_end_to_end(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A room, and a scene that cannot be solved, which costs only itself."""
+    synthesize(tmp_path / "rooms/box", SynthConfig(frames=12, width=160, height=120, oversample=1))
+    quick = adam.AdamConfig(max_iterations=20)
+    monkeypatch.setattr(adam, "AdamConfig", lambda: quick)
+    monkeypatch.setattr(speed, "GROWTH", {"1 ×": SMALL, "tracks 2 ×": replace(SMALL, tracks=120)})
+    out = tmp_path / "out"
+    assert speed.main([str(tiny), str(tmp_path / "rooms"), "--out", str(out), "--runs", "2", "--repeats", "1"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err.startswith(f"{tiny.parent.name}/{tiny.name}: ")
+    ((name, row),) = read_rows(out / "scenes.json").items()
+    assert name == "rooms/box"
+    scene = _values(row)
+    assert scene["command"] > 0
+    assert 50 < scene["peak_memory"] < 4000
+    assert scene["estimation"] <= scene["solve"]
+    assert scene["estimation_share"] == pytest.approx(scene["estimation"] / scene["solve"])
+    assert min(scene["start"], scene["graph"]) > 0
+    ((name, row),) = read_rows(out / "paper.json").items()
+    paper = _values(row)
+    only_what_was_run = {"gtlayout", "paper, R = 1", "ratio, R = 1", "paper, R = 2", "ratio, R = 2"}
+    assert set(paper) == only_what_was_run
+    assert paper["paper, R = 2"] > paper["paper, R = 1"]
+    assert paper["ratio, R = 2"] == pytest.approx(paper["paper, R = 2"] / paper["gtlayout"])
+    growth = {key: _values(of) for key, of in read_rows(out / "growth.json").items()}
+    assert [of["tracks"] for of in growth.values()] == [60, 120]
+    assert growth["1 ×"]["graph_ratio"] == growth["1 ×"]["start_ratio"] == 1
+    assert "| simulated | tracks | observations | planes | frames |" in printed.out
+
+
+def test_wrong_usage_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert speed.main(["--out", str(tmp_path)]) == 1
+    assert "name at least one scene folder" in capsys.readouterr().err
+    assert speed.main([str(tmp_path), "--out", str(tmp_path), "--runs", "0"]) == 2
+
+
+def test_sizes_are_what_they_are_called() -> None:
+    """The stated case to a twentieth, and twice or four times of what the row says."""
+    stated = speed.simulated(speed.GROWTH["1,500 tracks, 20,000 observations, 6 planes"])
+    assert (len(stated.tracks), len(stated.instances)) == (1500, 6)
+    assert len(stated.tracks.track) == pytest.approx(20_000, rel=0.05)
+    planes = {name: size.walls + 2 for name, size in speed.GROWTH.items() if name.startswith("planes")}
+    assert planes == {"planes 2 ×": 12, "planes 4 ×": 24}
+    assert len(speed.simulated(replace(SMALL, walls=10)).instances) == 12
+
+
+def test_ratios_are_to_the_first_row() -> None:
+    rows = {"one": [Metric("graph", 0.5, "s", False)], "two": [Metric("graph", 2.0, "s", False)]}
+    assert [_values(of)["graph_ratio"] for of in speed.grown(rows).values()] == [1.0, 4.0]
+
+
+def test_peak_memory_is_the_commands_own() -> None:
+    """200 MB more are seen, however large the process is that asks."""
+    peaks = []
+    for size in (0, 200_000_000):
+        command = [sys.executable, "-c", f"b = bytearray({size}); b[::4096] = b'x' * len(b[::4096])"]
+        ran = subprocess.run([sys.executable, str(speed.CHILD_USAGE), *command], capture_output=True, check=True)
+        usage = json.loads(ran.stdout.splitlines()[-1])
+        assert usage["status"] == 0
+        peaks.append(usage["peak_bytes"])
+    assert peaks[0] < 60e6
+    assert peaks[1] - peaks[0] == pytest.approx(200e6, rel=0.05)
+
+
+def test_exit_status_of_the_command_is_told() -> None:
+    command = [sys.executable, str(speed.CHILD_USAGE), sys.executable, "-c", "raise SystemExit(3)"]
+    ran = subprocess.run(command, capture_output=True, check=True)
+    assert json.loads(ran.stdout)["status"] == 3
+
+
+def test_python_is_not_called_for_every_landmark(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the speed hangs on: factors in Python come in batches of landmarks, whatever else grows with structure."""
+    prepared, config = speed.simulated(replace(SMALL, tracks=600)), Config().estimation
+    graphs: list[tuple[gtsam.NonlinearFactorGraph, gtsam.Values]] = []
+    optimizer = gtsam.LevenbergMarquardtOptimizer
+
+    def seen(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, params: Any) -> Any:
+        graphs.append((factors, values))
+        return optimizer(factors, values, params)
+
+    local = Normalisation.of(prepared.rays, prepared.scene.metric)
+    evidence = gather(
+        prepared.scene,
+        prepared.tracks,
+        local.rays(prepared.rays),
+        prepared.track_instance,
+        prepared.instances,
+        prepared.edges,
+        local,
+        config,
+    )
+    start = best_start(evidence, replace(config, starts=1), 0)
+    monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", seen)
+    cameras = [local.camera(frame.camera) for frame in prepared.scene.frames]
+    graph.solve(cameras, prepared.tracks, evidence, start, config)
+    assert graphs
+    for factors, values in graphs:
+        landmarks = sum(chr(gtsam.Symbol(key).chr()) == "l" for key in values.keys())  # noqa: SIM118 no dict
+        in_python = [factor for i in range(factors.size()) if isinstance(factor := factors.at(i), gtsam.CustomFactor)]
+        planes_only = sum(all(chr(gtsam.Symbol(key).chr()) == "p" for key in factor.keys()) for factor in in_python)  # noqa: SIM118
+        assert landmarks == 600
+        assert len(in_python) - planes_only <= landmarks / 16
+        assert planes_only <= len(prepared.edges) + len(start) ** 2
+
+
+def _values(metrics: list[Metric]) -> dict[str, float]:
+    found = {metric.key: metric.value for metric in metrics}
+    assert all(np.isfinite(value) for value in found.values())
+    return found
