@@ -27,15 +27,41 @@ def depth_factor(
     """
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[FloatArray, list[FloatArray]]:
-        normal, d, basis = plane_parts(values, plane_key)
-        facing, clearance = rays @ normal, centers @ normal + d
-        # A plane through a camera centre has no depth there; which side of zero it is on does not matter then.
-        clearance = np.where(np.abs(clearance) < 1e-6, 1e-6, clearance)
-        error = rho + facing / clearance
-        if not want_jacobians:
-            return error, []
-        by_clearance = -facing / clearance**2
-        by_normal = rays / clearance[:, None] + by_clearance[:, None] * centers
-        return error, [np.column_stack([by_normal @ basis, by_clearance])]
+        error, by_plane = _deviation(values, plane_key, centers, rays, rho)
+        return error, [by_plane] if want_jacobians else []
 
     return custom_factor(noise, [plane_key], residual)
+
+
+def biased_depth_factor(
+    keys: tuple[int, int], centers: FloatArray, rays: FloatArray, rho: FloatArray, bias_by: FloatArray, noise: Any
+) -> gtsam.CustomFactor:
+    """``r_i = ρ_i + n · v_i / (n · c_i + d) − h_i · b``: as above, for points that are off together by ``h_i · b``.
+
+    Args:
+        keys: an ``OrientedPlane3`` and a ``Point3`` variable, the plane and the bias b.
+        centers: (m, 3) camera centres c, world unit.
+        rays: (m, 3) directions v with z = 1 in their camera.
+        rho: (m,) inverse depths, 1 / world unit.
+        bias_by: (m, 3) h, the inverse depth that one unit of each component of b makes, 1 / world unit.
+        noise: m-D noise model.
+    """
+
+    def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[FloatArray, list[FloatArray]]:
+        error, by_plane = _deviation(values, keys[0], centers, rays, rho)
+        return error - bias_by @ values.atPoint3(keys[1]), [by_plane, -bias_by] if want_jacobians else []
+
+    return custom_factor(noise, list(keys), residual)
+
+
+def _deviation(
+    values: gtsam.Values, plane_key: int, centers: FloatArray, rays: FloatArray, rho: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(m,) inverse depths minus those of the plane, and their (m, 3) derivative by the plane."""
+    normal, d, basis = plane_parts(values, plane_key)
+    facing, clearance = rays @ normal, centers @ normal + d
+    # A plane through a camera centre has no depth there; which side of zero it is on does not matter then.
+    clearance = np.where(np.abs(clearance) < 1e-6, 1e-6, clearance)
+    by_clearance = -facing / clearance**2
+    by_normal = rays / clearance[:, None] + by_clearance[:, None] * centers
+    return rho + facing / clearance, np.column_stack([by_normal @ basis, by_clearance])

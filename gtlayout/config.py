@@ -124,10 +124,33 @@ class InitializationConfig:
 
 
 @dataclass(frozen=True)
+class UncertaintyConfig:
+    """Stage 4, covariances: errors that are expected; the residuals then say how many times as large they are."""
+
+    relative_depth: float = 0.006
+    """Error of depth that all points of a surface in one key frame share."""
+    of_track: float = 0.3
+    """… and what adds to it in σ of a track there: at small parallax errors of cameras weigh more."""
+    shared_share: float = 0.7
+    """Error that all key frames of a surface share, in errors of one key frame."""
+    least_trust: float = 0.01
+    """Surfaces are trusted by the share of their points that could be followed; none less than this."""
+    student_freedom: float = 4.0
+    """Degrees of freedom of the Student t by which all errors are distributed."""
+    prior_measurements: float = 6.0
+    """How many residuals of the expected size are taken as seen already, per family of errors."""
+    rounds: int = 15
+    """Iterations of expectation maximisation."""
+    unseen: float = 2.0
+    """σ is so many times what the residuals show: part of the errors show in none. Measured on synthetic rooms."""
+
+
+@dataclass(frozen=True)
 class EstimationConfig:
     """Stage 4: noise model. Lengths are metres, or 1/2.5 of the median depth when the scene is not metric."""
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
+    uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     starts: int = 4
     """Searches for starting planes of which the cheapest is kept."""
     depth_range: tuple[float, float] = (0.15, 30.0)

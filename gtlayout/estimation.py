@@ -9,19 +9,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from gtlayout.config import EstimationConfig
 from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.evidence import Evidence, Normalisation, Views, gather
-from gtlayout.graph import Solution, solve
+from gtlayout.evidence import Normalisation, Views, gather
+from gtlayout.graph import solve
+from gtlayout.initialization import face_cameras
 from gtlayout.layout import Instance, Plane, Support
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.support import supports
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
+from gtlayout.uncertainty import plane_uncertainty
 
 MOVED_SIGMAS = 3.0
 """A track shows parallax when a point at infinity explains it worse by so many σ."""
@@ -86,21 +87,22 @@ def estimate(
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution = solve(cameras, tracks, evidence, start, config)
 
-    shared = [
-        _shared_errors(plane, views, config.relative_depth_sigma)
-        for plane, views in zip(solution.planes, evidence.views, strict=True)
-    ]
-    world_planes, jacobian = local.planes_to_world(solution.planes)
-    blocks = (solution.covariance + block_diag(*shared)).reshape(len(shared), 4, len(shared), 4)
+    # Edges and right angles do not tell a plane's sides apart.
+    local_planes = np.concatenate(
+        [face_cameras(plane[None], views) for plane, views in zip(solution.planes, evidence.views, strict=True)]
+    )
+    local_covariance = plane_uncertainty(tracks, evidence, local_planes, config).covariance
+    world_planes, jacobian = local.planes_to_world(local_planes)
+    local_blocks = local_covariance.reshape(len(instances), 4, len(instances), 4)
     # Block by block, so that what is unknown of one plane stays with it.
-    blocks = np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian)
+    blocks = np.einsum("ab,sbtd,cd->satc", jacobian, local_blocks, jacobian)
     held = supports(scene, tracks, rays, instances, evidence, solution)
     planes = tuple(
         _plane(
             world_planes[s],
             blocks[s, :, s],
             held[s],
-            _relative_depth_sigma(evidence, solution, s),
+            _relative_depth_sigma(local_planes[s], local_blocks[s, :, s], evidence.views[s]),
             config,
         )
         for s in range(len(instances))
@@ -121,36 +123,16 @@ def estimate(
     )
 
 
-def _shared_errors(plane: FloatArray, views: Views, share: float) -> FloatArray:
-    """(4, 4) covariance that errors of cameras and tracking add which all points of a surface share.
-
-    No number of tracks averages them out, so the marginals do not know them: a common factor on all depths, and a tilt
-    that moves the surface's far ends by as much (in radians no more than ``share``).
-    """
-    points, depth = views.seen_on(plane)
-    if len(points) == 0:
-        return np.full((4, 4), np.nan)
-    middle = np.median(points, axis=0)
-    reach = 2 * float(np.sqrt(np.mean(np.sum((points - middle) ** 2, axis=1))))
-    across = np.eye(3) - np.outer(plane[:3], plane[:3])
-    turn = np.vstack([across, -middle @ across]) * min(1.0, float(np.median(depth)) / max(reach, 1e-9))
-    clearance = plane[:3] @ views.center.mean(axis=0) + plane[3]
-    scale = np.array([0.0, 0.0, 0.0, clearance])
-    return share**2 * (turn @ turn.T + np.outer(scale, scale))
-
-
-def _relative_depth_sigma(evidence: Evidence, solution: Solution, surface: int) -> float:
+def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: Views) -> float:
     """σ of the depth as a share of the depth, where the surface is drawn: the median over its sampled pixels."""
-    plane = solution.planes[surface]
-    points, depth = evidence.views[surface].seen_on(plane)
-    if len(points) == 0:
+    depth = views.depths(plane[None])[0]
+    seen = depth > 0
+    if not seen.any():
         return np.inf
+    points = views.center[seen] + depth[seen, None] * views.ray[seen]
     homogeneous = np.column_stack([points, np.ones(len(points))])
-    own = slice(4 * surface, 4 * surface + 4)
-    variance = np.sum(homogeneous @ solution.covariance[own, own] * homogeneous, axis=1)
-    views = evidence.views[surface]
-    rays = views.ray[views.depths(plane[None])[0] > 0]
-    return float(np.median(np.sqrt(variance) / np.abs(rays @ plane[:3]) / depth))
+    variance = np.sum(homogeneous @ covariance * homogeneous, axis=1)
+    return float(np.median(np.sqrt(variance) / np.abs(views.ray[seen] @ plane[:3]) / depth[seen]))
 
 
 def _plane(

@@ -1,6 +1,4 @@
-"""Stage 4, second half: the factor graph, Levenberg-Marquardt with re-weighted tracks, marginals. Local world
-throughout.
-"""
+"""Stage 4, second half: the factor graph and Levenberg-Marquardt with re-weighted tracks. Local world throughout."""
 
 from __future__ import annotations
 
@@ -32,8 +30,6 @@ class Solution:
 
     planes: FloatArray
     """(S, 4)."""
-    covariance: FloatArray
-    """(4S, 4S) joint covariance of all planes' (normal, d)."""
     landmarks: FloatArray
     """(N, 3)."""
     robust_weight: FloatArray
@@ -47,7 +43,7 @@ class Solution:
 def solve(
     cameras: Sequence[Camera], tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
 ) -> Solution:
-    """Optimise from ``start`` (S, 4) and query the marginals of all planes.
+    """Optimise from ``start`` (S, 4).
 
     Whole tracks are re-weighted between runs of Levenberg-Marquardt (Cauchy on a track's deviation from its plane):
     one robust kernel on a factor cannot do that, because a track is many factors.
@@ -65,35 +61,16 @@ def solve(
         seen = observed & used[tracks.track]
         graph = _track_factors(cameras, tracks, evidence, values, surfaces, seen, weight, config)
         graph.push_back(structure)
-        anchored = gtsam.NonlinearFactorGraph(graph)
-        anchored.push_back(plane_priors(evidence, start, config.sigma_start_depths, config))
-        values = _optimise(anchored, values, surfaces, start, config, costs, history)
+        for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
+            graph.push_back(prior)
+        values = _optimise(graph, values, surfaces, start, config, costs, history)
         before, planes = planes, history[-1].copy()
         landmarks[:] = np.nan
         for n in np.nonzero(used)[0]:
             landmarks[n] = values.atPoint3(L(int(n)))
         if np.abs(planes - before)[surfaces].max() < config.settled:
             break
-    # The start is no measurement: what only it determines must not look certain.
-    graph.push_back(plane_priors(evidence, planes, config.sigma_prior_depths, config))
-    covariance = _joint_covariance(graph, values, surfaces, len(start))
-    return Solution(planes, covariance, landmarks, robust, tuple(costs), tuple(history))
-
-
-def _joint_covariance(
-    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, surfaces: IntArray, count: int
-) -> FloatArray:
-    """(4 count, 4 count) marginal covariance of all planes together; NaN for those not in the graph."""
-    keys = gtsam.KeyVector([P(int(s)) for s in surfaces])
-    of_tangents = gtsam.Marginals(graph, values).jointMarginalCovariance(keys).fullMatrix()
-    to_coefficients = np.zeros((4 * count, 3 * len(surfaces)))
-    for i, s in enumerate(surfaces):
-        to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = values.atOrientedPlane3(P(int(s))).normal().basis()
-        to_coefficients[4 * s + 3, 3 * i + 2] = 1.0
-    covariance = to_coefficients @ of_tangents @ to_coefficients.T
-    absent = np.repeat(~np.isin(np.arange(count), surfaces), 4)
-    covariance[absent] = covariance[:, absent] = np.nan
-    return covariance
+    return Solution(planes, landmarks, robust, tuple(costs), tuple(history))
 
 
 def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:

@@ -37,7 +37,8 @@ def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> t
     """Optimise all planes on tracks reduced to inverse depths, and what that costs."""
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0].tolist()
     graph = structure_factors(evidence, start, config)
-    graph.push_back(plane_priors(evidence, start, config.sigma_start_depths, config))
+    for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
+        graph.push_back(prior)
     values = gtsam.Values()
     for s in surfaces:
         values.insert(P(s), gtsam.OrientedPlane3(start[s]))

@@ -13,46 +13,61 @@ from gtlayout.scene import FloatArray, IntArray
 
 
 def structure_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> gtsam.NonlinearFactorGraph:
-    """Edges, coplanarity and right angles among the surfaces that have a plane in (S, 4) ``planes`` (NaN = none)."""
+    """All that joins planes, among the surfaces that have one in (S, 4) ``planes`` (NaN = none)."""
     graph = gtsam.NonlinearFactorGraph()
-    noise = gtsam.noiseModel
-    placed = np.isfinite(planes[:, 0])
-    edge_noise = noise.Robust.Create(
-        noise.mEstimator.Cauchy.Create(config.edge_cauchy),
-        noise.Diagonal.Sigmas(np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])),
-    )
+    for factor in (*edge_factors(evidence, planes, config), *joint_factors(evidence, planes, config)):
+        graph.push_back(factor)
+    return graph
+
+
+def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
+    """One for each annotated contact edge."""
+    sigmas_px = np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])
+    noise = _cauchy(sigmas_px, config.edge_cauchy)
+    factors: list[gtsam.NonlinearFactor] = []
     for group in evidence.edges:
-        a, b = group.surfaces
-        if placed[a] and placed[b]:
+        if np.isfinite(planes[list(group.surfaces), 0]).all():
             camera = group.camera
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
-            graph.add(edge_factor((P(a), P(b)), group.representatives_px(), projection, edge_noise))
-    in_wall = noise.Robust.Create(
-        noise.mEstimator.Cauchy.Create(config.coplanarity_cauchy),
-        noise.Diagonal.Sigmas(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess])),
-    )
-    for a in np.nonzero((evidence.host >= 0) & placed)[0].tolist():
+            keys = P(group.surfaces[0]), P(group.surfaces[1])
+            factors.append(edge_factor(keys, group.representatives_px(), projection, noise))
+    return factors
+
+
+def joint_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
+    """Doors and windows in their walls, and right angles."""
+    in_wall = _cauchy(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess]), config.coplanarity_cauchy)
+    factors: list[gtsam.NonlinearFactor] = []
+    for a in np.nonzero((evidence.host >= 0) & np.isfinite(planes[:, 0]))[0].tolist():
         host = int(evidence.host[a])
         points, _ = evidence.views[a].seen_on(planes[host])
         if len(points):
-            graph.add(coplanarity_factor((P(a), P(host)), np.median(points, axis=0), in_wall))
-    right_angle = noise.Isotropic.Sigma(1, config.sigma_perpendicularity)
+            factors.append(coplanarity_factor((P(a), P(host)), np.median(points, axis=0), in_wall))
+    right_angle = gtsam.noiseModel.Isotropic.Sigma(1, config.sigma_perpendicularity)
     for a, b in _right_angles(evidence, planes, config).tolist():
-        graph.add(perpendicularity_factor((P(a), P(b)), right_angle))
-    return graph
+        factors.append(perpendicularity_factor((P(a), P(b)), right_angle))
+    return factors
+
+
+def _cauchy(sigmas: FloatArray, scale: float) -> gtsam.noiseModel.Base:
+    """Independent errors, robust beyond ``scale`` σ; Gaussian when that is infinite."""
+    gaussian = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
+    if np.isinf(scale):
+        return gaussian
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(scale), gaussian)
 
 
 def plane_priors(
     evidence: Evidence, planes: FloatArray, sigma_depths: float, config: EstimationConfig
-) -> gtsam.NonlinearFactorGraph:
+) -> list[gtsam.NonlinearFactor]:
     """A prior on every plane that only matters where nothing else does: σ of d is so many depths of the surface."""
-    graph = gtsam.NonlinearFactorGraph()
+    factors: list[gtsam.NonlinearFactor] = []
     for s in np.nonzero(np.isfinite(planes[:, 0]))[0].tolist():
         _, depth = evidence.views[s].seen_on(planes[s])
         sigma_d = sigma_depths * (float(np.median(depth)) if len(depth) else TYPICAL_DEPTH)
         sigmas = np.array([config.sigma_prior_normal, config.sigma_prior_normal, sigma_d])
-        graph.add(plane_prior_factor(P(s), planes[s], gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
-    return graph
+        factors.append(plane_prior_factor(P(s), planes[s], gtsam.noiseModel.Diagonal.Sigmas(sigmas)))
+    return factors
 
 
 def _right_angles(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> IntArray:

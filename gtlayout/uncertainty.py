@@ -1,0 +1,203 @@
+"""Stage 4, after the solve: how far each plane may be off, with the scale of all errors taken from their residuals.
+
+Points of one surface seen from one key frame are off together: by errors of cameras, by drift of tracks, by relief. No
+number of them averages that out. So every key frame is given its own copy of a surface, a relative error of depth that
+varies linearly over it, and the surface one more that all its key frames share. How large those errors are, and how far
+annotated edges lie from where planes meet, is estimated on the linearised graph by expectation maximisation of Student
+t scales: in a clean scene σ is small, in a poor one large, without anybody telling.
+
+Reference for the scales: Lange, Little, Taylor, "Robust statistical modeling using the t distribution", JASA 1989.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, P, S
+
+from gtlayout.config import EstimationConfig, UncertaintyConfig
+from gtlayout.evidence import Evidence
+from gtlayout.factors import biased_depth_factor
+from gtlayout.scene import FloatArray, IntArray
+from gtlayout.structure import edge_factors, joint_factors, plane_priors
+from gtlayout.tracking import Tracks
+
+TRACK, SURFACE, EDGE, JOINT, PRIOR = range(5)
+"""Families of errors: the first three have a scale that is estimated, the others σ as configured; priors are not
+measurements, so none of them can be wrong.
+"""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What the marginals say once the noise is known."""
+
+    covariance: FloatArray
+    """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
+    surface_scale: float
+    """Estimated errors of depth that points of a surface share, in units of what was expected."""
+    edge_scale: float
+    """Estimated errors of annotated edges, in units of what was expected."""
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """The whitened linear system at the solution: R rows, N unknowns of which the planes' tangents come first."""
+
+    jacobian: FloatArray
+    """(R, N)."""
+    target: FloatArray
+    """(R,) what ``jacobian @ step`` should be."""
+    family: IntArray
+    """(G,) of each measurement."""
+    first: IntArray
+    """(G,) its first row: its rows are right or wrong together."""
+
+
+@dataclass
+class _System:
+    """A graph in the making, with the family of each measurement."""
+
+    graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
+    values: gtsam.Values = field(default_factory=gtsam.Values)
+    ordering: gtsam.Ordering = field(default_factory=gtsam.Ordering)
+    family: list[int] = field(default_factory=list)
+    size: list[int] = field(default_factory=list)
+
+    def insert(self, key: int, start: FloatArray) -> None:
+        self.values.insert(key, start)
+        self.ordering.push_back(key)
+
+    def add(self, factors: Iterable[gtsam.NonlinearFactor], family: int) -> None:
+        for factor in factors:
+            self.graph.push_back(factor)
+            # Tracks fail one by one, though a factor holds many.
+            sizes = [1] * factor.dim() if family == TRACK else [factor.dim()]
+            self.size.extend(sizes)
+            self.family.extend([family] * len(sizes))
+
+    def linearise(self) -> _Linear:
+        jacobian, target = self.graph.linearize(self.values).jacobian(self.ordering)
+        first = np.cumsum([0, *self.size[:-1]])
+        return _Linear(jacobian, target, np.array(self.family), first)
+
+
+def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Uncertainty:
+    """Covariance of all planes at the solution ``planes`` (S, 4), with errors as large as the residuals show."""
+    placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
+    linear = _linearise(tracks, evidence, planes, placed, config)
+    covariance, scale = _scales(linear, config.uncertainty)
+    tangents = config.uncertainty.unseen**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
+    to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
+    for i, s in enumerate(placed):
+        to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
+        to_coefficients[4 * s + 3, 3 * i + 2] = 1.0
+    of_planes = to_coefficients @ tangents @ to_coefficients.T
+    absent = np.repeat(~np.isin(np.arange(len(planes)), placed), 4)
+    of_planes[absent] = of_planes[:, absent] = np.nan
+    return Uncertainty(of_planes, float(scale[SURFACE]), float(scale[EDGE]))
+
+
+def _linearise(
+    tracks: Tracks, evidence: Evidence, planes: FloatArray, placed: IntArray, config: EstimationConfig
+) -> _Linear:
+    """Tracks without their landmarks, the biases of surfaces and key frames, and all that joins planes."""
+    system = _System()
+    for s in placed.tolist():
+        system.values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
+        system.ordering.push_back(P(s))
+    for s in placed.tolist():
+        _add_tracks(system, tracks, evidence, s, planes[s], config)
+    # Robust weights are for the scales to decide.
+    quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf)
+    system.add(edge_factors(evidence, planes, quadratic), EDGE)
+    system.add(joint_factors(evidence, planes, quadratic), JOINT)
+    system.add(plane_priors(evidence, planes, config.sigma_prior_depths, config), PRIOR)
+    return system.linearise()
+
+
+def _add_tracks(
+    system: _System, tracks: Tracks, evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig
+) -> None:
+    """What the tracks of surface ``s`` say of its plane, and how far they may be off together."""
+    expected = config.uncertainty
+    index = np.nonzero((evidence.track_surface == s) & (evidence.track_weight > 0))[0]
+    points, depth = _on_plane(evidence, index, plane)
+    index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
+    if len(index) == 0:
+        return
+    # Surfaces of which few points survive (mirrors, gloss) are off by more.
+    trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.least_trust))
+    over = np.column_stack([np.ones(len(index)), _across(points, plane)])
+    rays = evidence.rays
+    raw = rays.sigma_rho[index] * depth
+    # Observations of a track share errors: it knows no more than so many of them would.
+    observations = np.bincount(tracks.track, minlength=len(tracks))[index]
+    sigma = raw * np.sqrt(np.maximum(observations / config.independent_observations, 1.0))
+    sigma = np.hypot(sigma, config.sigma_surface / np.median(depth))
+    point, isotropic = np.zeros(3), gtsam.noiseModel.Isotropic.Sigma
+    shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
+    system.insert(S(s), point)
+    system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SURFACE)
+    for k in np.unique(tracks.key_frame[index]).tolist():
+        here = tracks.key_frame[index] == k
+        key = B(s * len(tracks.tried) + k)
+        bias = np.hypot(expected.relative_depth, expected.of_track * np.median(raw[here]))
+        system.insert(key, point)
+        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias / trust))], SURFACE)
+        members, per_depth = index[here], 1 / depth[here]
+        factor = biased_depth_factor(
+            (P(s), key),
+            rays.center[members],
+            rays.ray[members],
+            rays.rho[members],
+            over[here] * per_depth[:, None],
+            gtsam.noiseModel.Diagonal.Sigmas(sigma[here] * per_depth),
+        )
+        system.add([factor], TRACK)
+
+
+def _on_plane(evidence: Evidence, index: IntArray, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) points where the tracks' rays meet a plane, and (n,) their depths."""
+    center, ray = evidence.rays.center[index], evidence.rays.ray[index]
+    facing = ray @ plane[:3]
+    depth = -(center @ plane[:3] + plane[3]) / np.where(facing == 0, 1e-12, facing)
+    return center + depth[:, None] * ray, depth
+
+
+def _across(points: FloatArray, plane: FloatArray) -> FloatArray:
+    """(n, 2) where points lie on a plane, from their middle, in units of their spread."""
+    uv = (points - np.median(points, axis=0)) @ gtsam.Unit3(plane[:3]).basis()
+    return uv / max(float(np.sqrt(np.mean(np.sum(uv**2, axis=1)))), 1e-9)
+
+
+def _scales(linear: _Linear, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray]:
+    """(N, N) covariance at the estimated scales, and (5,) these scales by family.
+
+    Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales.
+    """
+    size = np.diff(np.append(linear.first, len(linear.target)))
+    scale = np.ones(5)
+    weight = np.ones(len(size))
+    identity = np.eye(linear.jacobian.shape[1])
+    for _ in range(config.rounds):
+        row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
+        information = linear.jacobian.T @ (row_weight[:, None] * linear.jacobian)
+        covariance: FloatArray = np.linalg.solve(information, identity)
+        step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
+        residual = linear.jacobian @ step - linear.target
+        # Residuals are smaller than errors by what the unknowns could absorb.
+        absorbed = np.sum((linear.jacobian @ covariance) * linear.jacobian, axis=1)
+        error = np.add.reduceat(residual**2, linear.first)
+        expected = error + np.add.reduceat(absorbed, linear.first)
+        freedom = config.student_freedom
+        robust = linear.family != PRIOR
+        weight = np.where(robust, (freedom + size) / (freedom + error / scale[linear.family] ** 2), 1.0)
+        for family in (TRACK, SURFACE, EDGE):
+            own = linear.family == family
+            measured = np.sum(weight[own] * expected[own]) + config.prior_measurements
+            scale[family] = np.sqrt(measured / (np.sum(size[own]) + config.prior_measurements))
+    return covariance, scale
