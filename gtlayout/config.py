@@ -131,11 +131,11 @@ class UncertaintyConfig:
     """Error of depth that all points of a surface in one key frame share."""
     of_track: float = 0.3
     """… and what adds to it in σ of a track there: at small parallax errors of cameras weigh more."""
-    shared_share: float = 0.7
+    shared_share: float = 1.4
     """Error that all key frames of a surface share, in errors of one key frame."""
     least_trust: float = 0.01
     """Surfaces are trusted by the share of their points that could be followed; none less than this."""
-    student_freedom: float = 4.0
+    student_freedom: float = 8.0
     """Degrees of freedom of the Student t by which all errors are distributed."""
     prior_measurements: float = 6.0
     """How many residuals of the expected size are taken as seen already, per family of errors."""

@@ -182,11 +182,11 @@ def _scales(linear: _Linear, config: UncertaintyConfig) -> tuple[FloatArray, Flo
     size = np.diff(np.append(linear.first, len(linear.target)))
     scale = np.ones(5)
     weight = np.ones(len(size))
-    identity = np.eye(linear.jacobian.shape[1])
+    covariance: FloatArray = np.eye(linear.jacobian.shape[1])
     for _ in range(config.rounds):
         row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
         information = linear.jacobian.T @ (row_weight[:, None] * linear.jacobian)
-        covariance: FloatArray = np.linalg.solve(information, identity)
+        covariance = np.asarray(np.linalg.inv(information))
         step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
         residual = linear.jacobian @ step - linear.target
         # Residuals are smaller than errors by what the unknowns could absorb.
