@@ -22,6 +22,7 @@ from gtlayout.extent import compute_extents
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality import Quality, assess
+from gtlayout.regroup import regroup
 from gtlayout.scene import IntArray, Scene
 from gtlayout.tracking import Tracks, track
 from gtlayout.triangulation import triangulate
@@ -82,16 +83,30 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
 
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
-    observer.instances(instances, track_instance)
+
+    def planes_of(chosen: IntArray, restart: int) -> Estimate:
+        with stage("estimation"):
+            return estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
 
     with stage("edges"):
         edges = contact_edges(scene, instances, config.edges)
+    first = planes_of(track_instance, 0)
+    for _ in range(config.regrouping.rounds):
+        with stage("regrouping"):
+            regrouped = regroup(scene, tracks, rays, track_instance, instances, first, config)
+        if regrouped is None:
+            break
+        scene = replace(scene, warnings=(*scene.warnings, *regrouped.changes))
+        instances, track_instance = regrouped.instances, regrouped.track_instance
+        with stage("edges"):
+            edges = contact_edges(scene, instances, config.edges)
+        first = planes_of(track_instance, 0)
+    observer.instances(instances, track_instance)
     observer.edges(edges)
 
     def run(restart: int) -> Solution:
         chosen = restart_tracks(track_instance, config, restart)
-        with stage("estimation"):
-            solved = estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
+        solved = planes_of(chosen, restart) if restart else first
         with stage("extents"):
             extents = compute_extents(scene, instances, solved.planes, edges, config.extent)
         with stage("mesh"):
