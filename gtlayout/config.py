@@ -208,7 +208,7 @@ class RegroupingConfig:
     """Two parts of one plane overlap, or lie no further from each other than this share of the depth."""
     min_opening_overlap: float = 0.25
     """Two drawings of one door or window overlap by this share of the smaller."""
-    max_contradicted: float = 0.2
+    max_contradicted: float = 0.4
     """Most that key frames may show of something else where the other part should be, as a share."""
     min_tracks: int = 10
     """A drawing with fewer tracks does not tell where its plane is."""
@@ -224,7 +224,7 @@ class RegroupingConfig:
     """… and no less of the other plane's, on average …"""
     min_gain: float = 0.5
     """… and when so many drawings more than by the best single plane are explained."""
-    max_shown_as_one: float = 0.1
+    max_shown_as_one: float = 0.4
     """Most that key frames may show of one part where the other should be, as a share."""
 
 

@@ -84,37 +84,34 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
 
-    def planes_of(chosen: IntArray, restart: int) -> Estimate:
+    def planes_of(chosen: IntArray, restart: int = 0) -> Estimate:
         with stage("estimation"):
             return estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
 
-    with stage("edges"):
-        edges = contact_edges(scene, instances, config.edges)
-    first = planes_of(track_instance, 0)
-    for _ in range(config.regrouping.rounds):
-        with stage("regrouping"):
-            regrouped = regroup(scene, tracks, rays, track_instance, instances, first, config)
-        if regrouped is None:
-            break
-        scene = replace(scene, warnings=(*scene.warnings, *regrouped.changes))
-        instances, track_instance = regrouped.instances, regrouped.track_instance
+    for rounds_left in reversed(range(config.regrouping.rounds + 1)):
         with stage("edges"):
             edges = contact_edges(scene, instances, config.edges)
-        first = planes_of(track_instance, 0)
+        solved = planes_of(track_instance)
+        with stage("regrouping"):
+            change = regroup(scene, tracks, rays, track_instance, instances, solved, config) if rounds_left else None
+        if change is None:
+            break
+        instances, track_instance = change.instances, change.track_instance
+        scene = replace(scene, warnings=(*scene.warnings, *change.said))
     observer.instances(instances, track_instance)
     observer.edges(edges)
 
     def run(restart: int) -> Solution:
         chosen = restart_tracks(track_instance, config, restart)
-        solved = planes_of(chosen, restart) if restart else first
+        estimated = planes_of(chosen, restart) if restart else solved
         with stage("extents"):
-            extents = compute_extents(scene, instances, solved.planes, edges, config.extent)
+            extents = compute_extents(scene, instances, estimated.planes, edges, config.extent)
         with stage("mesh"):
             mesh = build_mesh(instances, extents)
         with stage("quality"):
-            quality = assess(scene, instances, solved.planes, extents, config.quality)
-        layout = Layout(instances, solved.planes, extents, mesh, scene.metric)
-        return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s)
+            quality = assess(scene, instances, estimated.planes, extents, config.quality)
+        layout = Layout(instances, estimated.planes, extents, mesh, scene.metric)
+        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s)
 
     best = run(0)
     for restart in range(1, config.restarts):

@@ -29,7 +29,7 @@ class Regrouping:
     instances: tuple[Instance, ...]
     track_instance: IntArray
     """(N,) instance of each track, -1 = none."""
-    changes: tuple[str, ...]
+    said: tuple[str, ...]
     """What was joined and split, one line each."""
 
 
@@ -58,18 +58,18 @@ def regroup(
     if not splits and not joins:
         return None
     groups: list[Members] = [instance.members for instance in instances]
-    changes = []
+    said = []
     for join in joins:
         a, b = join.instances
         pair = _in_words(scene, groups[a][0], groups[b][0])
-        changes.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
+        said.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
         groups[a], groups[b] = (*groups[a], *groups[b]), ()
     for split in splits:
         first, second = split.parts
-        changes.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
+        said.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
         groups[split.instance] = first
         groups.append(second)
-    return Regrouping(*form_instances(scene, tracks, _group_of(scene, groups)), tuple(changes))
+    return Regrouping(*form_instances(scene, tracks, _group_of(scene, groups)), tuple(said))
 
 
 def _group_of(scene: Scene, groups: Sequence[Members]) -> IntArray:

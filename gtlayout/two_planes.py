@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 
 import numpy as np
@@ -33,21 +33,31 @@ class Split:
 
     instance: int
     parts: tuple[Members, Members]
-    gain: float
-    """How many drawings the best single plane leaves unexplained and two planes do not."""
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """The tracks of one drawing."""
+    """Tracks of a drawing, each a point at inverse depth ρ on a ray. The origin lies amid the cameras."""
 
-    rays: Rays
+    center: FloatArray
+    """(N, 3) where the rays start."""
+    ray: FloatArray
+    """(N, 3) with z = 1 in the key frame's camera."""
+    rho: FloatArray
+    """(N,)."""
     sigma_rho: FloatArray
     """(N,) with what all tracks of a key frame share."""
 
+    def residuals(self, plane: FloatArray) -> FloatArray:
+        """(N,) inverse depths minus those of the plane ``plane · X = -1``, in σ."""
+        clearance = 1 + self.center @ plane
+        on_plane = -(self.ray @ plane) / np.where(np.abs(clearance) < 1e-9, 1e-9, clearance)
+        residuals: FloatArray = (self.rho - on_plane) / self.sigma_rho
+        return residuals
+
     def lost(self, plane: FloatArray, config: RegroupingConfig) -> float:
-        """How much of the drawing ``plane · X = -1`` leaves unexplained, in [0, 1]."""
-        return float(np.mean(np.minimum((_residuals(self.rays, self.sigma_rho, plane) / config.track_cutoff) ** 2, 1)))
+        """How much of the drawing that plane leaves unexplained, in [0, 1]."""
+        return float(np.mean(np.minimum((self.residuals(plane) / config.track_cutoff) ** 2, 1.0)))
 
 
 def find_splits(
@@ -73,29 +83,29 @@ def find_splits(
         clusters = {
             member: cluster
             for member in instance.members
-            if len((cluster := cluster_of(tracks, rays, used, member, origin, config)).sigma_rho) >= config.min_tracks
+            if len((cluster := cluster_of(tracks, rays, used, member, origin, config)).rho) >= config.min_tracks
         }
         two = two_planes(list(clusters.values()), config)
         if two is None:
             continue
-        second, through, gain = two
+        second, through = two
         sides = tuple(_plane(plane, origin) for plane in through)
         parts = tuple(
             tuple(member for member, on in zip(clusters, second, strict=True) if on == side) for side in (False, True)
         )
         if _are_two(scene, instances, planes, i, parts, sides, max_depth, config, extent):
-            splits.append(Split(i, _with_the_others(scene, instance, parts, sides, max_depth, extent), gain))
+            splits.append(Split(i, _with_the_others(scene, instance, parts, sides, max_depth, extent)))
     return tuple(splits)
 
 
-def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[BoolArray, FloatArray, float] | None:
+def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[BoolArray, FloatArray] | None:
     """The best two planes through a few clusters of tracks, when one will not do.
 
     Every cluster counts the same, however many tracks it has: they share the errors of their key frame's camera.
 
     Returns:
-        (C,) which clusters lie on the second plane, (2, 3) the planes, ``plane · X = -1``, and how many clusters more
-        than the best single plane they explain; None when a single plane will do, or two will not.
+        (C,) which clusters lie on the second plane, and (2, 3) the planes, ``plane · X = -1``; None when a single one
+        will do, or two will not.
     """
     if len(clusters) < 2:
         return None
@@ -124,54 +134,36 @@ def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[B
         or gain < config.min_gain
     ):
         return None
-    return second, np.array(planes), gain
+    return second, np.array(planes)
 
 
 def fit(clusters: Sequence[Cluster], config: RegroupingConfig) -> FloatArray:
     """(3,) ``plane · X = -1`` through the tracks of some clusters, each with the same weight; Cauchy loss."""
-    rays = Rays(
-        *(
-            np.concatenate([getattr(cluster.rays, name) for cluster in clusters])
-            for name in ("center", "ray", "key_px", "rho", "sigma_rho", "parallax_sigmas")
-        )
-    )
-    sigma = np.concatenate([cluster.sigma_rho for cluster in clusters])
-    share = np.concatenate([np.full(len(cluster.sigma_rho), 1 / len(cluster.sigma_rho)) for cluster in clusters])
-    design = rays.center * rays.rho[:, None] + rays.ray
-    weight = share / sigma**2
-    plane = np.zeros(3)
+    names = [field.name for field in fields(Cluster)]
+    every = Cluster(*(np.concatenate([getattr(cluster, name) for cluster in clusters]) for name in names))
+    share = np.concatenate([np.full(len(cluster.rho), 1 / len(cluster.rho)) for cluster in clusters])
+    design = every.center * every.rho[:, None] + every.ray
+    weight = share / every.sigma_rho**2
+    plane: FloatArray = np.zeros(3)
     for _ in range(_ITERATIONS):
         root = np.sqrt(weight)
-        plane = np.linalg.lstsq(root[:, None] * design, -root * rays.rho, rcond=None)[0]
-        robust = 1 / (1 + (_residuals(rays, sigma, plane) / config.track_cauchy) ** 2)
+        plane = np.asarray(np.linalg.lstsq(root[:, None] * design, -root * every.rho)[0], dtype=np.float64)
+        robust = 1 / (1 + (every.residuals(plane) / config.track_cauchy) ** 2)
         # The equation's residual is that of inverse depth times the clearance of the ray's start.
-        weight = share * robust / (sigma * np.maximum(np.abs(1 + rays.center @ plane), 1e-6)) ** 2
+        clearance = np.maximum(np.abs(1 + every.center @ plane), 1e-6)
+        weight = share * robust / (every.sigma_rho * clearance) ** 2
     return plane
-
-
-def _residuals(rays: Rays, sigma_rho: FloatArray, plane: FloatArray) -> FloatArray:
-    """(N,) inverse depths minus those of the plane ``plane · X = -1``, in σ."""
-    clearance = 1 + rays.center @ plane
-    on_plane = -(rays.ray @ plane) / np.where(np.abs(clearance) < 1e-9, 1e-9, clearance)
-    residuals: FloatArray = (rays.rho - on_plane) / sigma_rho
-    return residuals
 
 
 def cluster_of(
     tracks: Tracks, rays: Rays, used: BoolArray, member: tuple[int, int], origin: FloatArray, config: RegroupingConfig
 ) -> Cluster:
-    """The tracks that were sampled on one drawing, seen from an origin amid the cameras: no plane runs through it."""
+    """The tracks that were sampled on one drawing. No plane may run through the world point ``origin``."""
     index = np.nonzero(used & (tracks.key_frame == member[0]) & (tracks.element == member[1]))[0]
     index = index[np.linspace(0, len(index) - 1, min(len(index), _MOST_TRACKS)).round().astype(int)]
-    own = Rays(
-        center=rays.center[index] - origin,
-        ray=rays.ray[index],
-        key_px=rays.key_px[index],
-        rho=rays.rho[index],
-        sigma_rho=rays.sigma_rho[index],
-        parallax_sigmas=rays.parallax_sigmas[index],
-    )
-    return Cluster(own, np.hypot(own.sigma_rho, config.relative_depth_sigma * own.rho))
+    rho = rays.rho[index]
+    sigma = np.hypot(rays.sigma_rho[index], config.relative_depth_sigma * rho)
+    return Cluster(rays.center[index] - origin, rays.ray[index], rho, sigma)
 
 
 def _plane(plane: FloatArray, origin: FloatArray) -> Plane:
@@ -191,7 +183,7 @@ def _are_two(
     config: RegroupingConfig,
     extent: ExtentConfig,
 ) -> bool:
-    """Whether key frames that show one part show something else where the other should be, and never the same."""
+    """Whether key frames that show one part mostly show something else where the other should be, and some do."""
     shown = []
     for part, other in ((0, 1), (1, 0)):
         points = draw_on(scene, parts[part], sides[part], max_depth, extent).points

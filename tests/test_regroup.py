@@ -20,7 +20,7 @@ from gtlayout.layout import Instance, Plane
 from gtlayout.scene import FloatArray, IntArray, Label, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, triangulate
-from gtlayout.two_planes import cluster_of, find_splits, two_planes
+from gtlayout.two_planes import Cluster, cluster_of, find_splits, two_planes
 
 CONFIG = Config()
 FACING = np.array([0.0, -1.0, 0.0, 10.0])
@@ -121,6 +121,23 @@ def test_flush_elements_of_one_key_frame_stay_apart() -> None:
     assert joined(scene, alone[:2], made([FACING, FACING])) == [(0, 1)]
 
 
+def test_the_unit_of_the_world_does_not_matter() -> None:
+    scene, instances = two_drawings()
+    for scale in (0.01, 100.0):
+        frames = tuple(
+            replace(f, camera=replace(f.camera, t_cam_from_world=scale * f.camera.t_cam_from_world))
+            for f in scene.frames
+        )
+        scaled = replace(scene, frames=frames)
+        for offset, expected in ((0.05, [(0, 1)]), (0.3, [])):
+            solved = made([FACING, moved(offset)])
+            to_world = np.diag([1, 1, 1, scale])
+            planes = tuple(replace(plane, d=scale * plane.d) for plane in solved.planes)
+            both = np.kron(np.eye(2), to_world)
+            solved = replace(solved, planes=planes, covariance=both @ solved.covariance @ both)
+            assert joined(scaled, instances, solved) == expected
+
+
 def test_parts_must_touch_and_labels_agree() -> None:
     near, far = pixels(0, 0, 95, 80), pixels(20, 0, 100, 80)
     # The first ends at x = 4.5, the second begins at x = 3 + 2 = 5: half a metre at a depth of ten.
@@ -154,7 +171,36 @@ def test_a_key_frame_that_shows_something_else_there_forbids_it() -> None:
     assert joined(scene, instances, made([FACING, FACING, moved(-3.0)])) == [(0, 1)]
 
 
-# --- splits: tracks in a simulated box ---
+# --- splits ---
+
+
+def seen_on(plane: FloatArray, x: float, sigma: float = 0.001) -> Cluster:
+    """A drawing of ``plane · X = -1`` whose key frame's camera is at (x, 0, 0) and looks along y; every tenth track is
+    wrong.
+    """
+    across = np.linspace(-0.5, 0.5, 7)
+    ray = np.array([[u, 1.0, v] for u in across for v in across])
+    center = np.tile([x, 0.0, 0.0], (len(ray), 1))
+    rho = -(ray @ plane) / (1 + center @ plane)
+    rho[::10] *= 1.5
+    return Cluster(center, ray, rho, np.full(len(ray), sigma))
+
+
+def test_two_planes_are_told_apart_and_found() -> None:
+    facing, oblique = np.array([0.0, -0.2, 0.0]), np.array([-0.1, -0.25, 0.05])
+    on = [facing, oblique, facing, oblique, oblique]
+    clusters = [seen_on(plane, 0.2 * i) for i, plane in enumerate(on)]
+    found = two_planes(clusters, CONFIG.regrouping)
+    assert found is not None
+    second, planes = found
+    assert second.tolist() in ([False, True, False, True, True], [True, False, True, False, False])
+    np.testing.assert_allclose(planes[second.astype(int)], on, atol=1e-4)
+    for one in (facing, oblique):
+        assert two_planes([seen_on(one, 0.2 * i) for i in range(5)], CONFIG.regrouping) is None
+    # 2 % further away is within the errors that a key frame's tracks share.
+    near = [seen_on(facing if i % 2 else facing / 1.02, 0.2 * i, 0.02 * 0.2) for i in range(4)]
+    assert two_planes(near, CONFIG.regrouping) is None
+    assert two_planes(clusters[:1], CONFIG.regrouping) is None
 
 
 def simulated(seed: int = 0) -> tuple[Room, Tracks, Rays]:
@@ -218,8 +264,8 @@ def test_right_instances_are_not_split(seed: int) -> None:
     room, tracks, rays = simulated(seed)
     groups = [set(instance.members) for instance in room.instances]
     assert splits_of(room, tracks, rays, groups) == set()
-    # Depths of one key frame wrong by a quarter, as a wrong pose makes them: two clusters, but one surface as drawn.
-    wrong = replace(rays, rho=np.where(tracks.key_frame == 2, rays.rho * 0.8, rays.rho))
+    # Depths of one key frame too small by almost a third, as a wrong pose makes them: two clusters, but one surface as drawn.
+    wrong = replace(rays, rho=np.where(tracks.key_frame == 2, rays.rho * 1.4, rays.rho))
     assert two_planes_found(room, tracks, wrong)
     assert splits_of(room, tracks, wrong, groups) == set()
 
