@@ -34,7 +34,7 @@ class Solution:
     """The layout and what led to it."""
 
     scene: Scene
-    """As given, with what was skipped on the way added to its warnings."""
+    """As given, with what was skipped, joined or split on the way added to its warnings."""
     layout: Layout
     quality: Quality
     tracks: Tracks
@@ -65,7 +65,9 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
     """Reconstruct the room of ``scene``.
 
     ``config.restarts`` solves are made from the same tracks and the one with the best reprojection IoU is kept
-    (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them.
+    (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them. Where the
+    planes of the first show that instances are one or two, these are joined or split and solved again; the warnings
+    say so.
 
     Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
     """

@@ -264,7 +264,7 @@ def test_right_instances_are_not_split(seed: int) -> None:
     room, tracks, rays = simulated(seed)
     groups = [set(instance.members) for instance in room.instances]
     assert splits_of(room, tracks, rays, groups) == set()
-    # Depths of one key frame too small by almost a third, as a wrong pose makes them: two clusters, but one surface as drawn.
+    # Depths of one key frame too small by almost a third, as by a wrong pose: two clusters, but one surface as drawn.
     wrong = replace(rays, rho=np.where(tracks.key_frame == 2, rays.rho * 1.4, rays.rho))
     assert two_planes_found(room, tracks, wrong)
     assert splits_of(room, tracks, wrong, groups) == set()
