@@ -8,7 +8,6 @@ around them.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from gtlayout.config import CorrespondenceConfig
 from gtlayout.hosts import find_hosts
 from gtlayout.layout import Instance
 from gtlayout.raster import spread_points
-from gtlayout.scene import OPENINGS, FloatArray, IntArray, Label, Scene
+from gtlayout.scene import OPENINGS, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
 
@@ -37,7 +36,7 @@ def correspond(
     Returns:
         The instances, in order of first appearance, and (N,) the instance of each track, -1 = none.
     """
-    first_of = np.cumsum([0] + [len(key_frame.elements) for key_frame in scene.key_frames])
+    first_of = _first_of(scene)
     labels = [element.label for key_frame in scene.key_frames for element in key_frame.elements]
     key_frame_of = np.repeat(np.arange(len(scene.key_frames)), np.diff(first_of))
     seen_on = _elements_under_tracks(scene, tracks, first_of)
@@ -53,16 +52,32 @@ def correspond(
         for i, j in zip(*linear_sum_assignment(-votes[np.ix_(rows, columns)]), strict=True):
             if votes[rows[i], columns[j]] >= config.min_votes:
                 group[columns[j]] = group[rows[i]]
-    group = _join_across_gaps(group, key_frame_of, votes, config.min_votes)
+    return form_instances(scene, tracks, _join_across_gaps(group, key_frame_of, votes, config.min_votes))
 
-    instances = _instances(group, key_frame_of, first_of, labels)
-    instance_of = np.empty(len(labels), dtype=np.int64)
+
+def form_instances(scene: Scene, tracks: Tracks, group: IntArray) -> tuple[tuple[Instance, ...], IntArray]:
+    """The instances that ``group`` makes of all annotated elements.
+
+    Args:
+        group: (E,) a number for each element, all key frames in order; equal numbers are one instance.
+
+    Returns:
+        The instances with their hosts, in order of first appearance, and (N,) the instance of each track, -1 = none.
+    """
+    first_of = _first_of(scene)
+    instances = _instances(scene, group)
+    instance_of = np.empty(len(group), dtype=np.int64)
     for number, instance in enumerate(instances):
         for k, element in instance.members:
             instance_of[first_of[k] + element] = number
     hosts = find_hosts(scene, instances)
     hosted = tuple(replace(instance, host=host) for instance, host in zip(instances, hosts, strict=True))
-    return hosted, _majority(seen_on, instance_of, tracks, first_of)
+    return hosted, _majority(_elements_under_tracks(scene, tracks, first_of), instance_of, tracks, first_of)
+
+
+def _first_of(scene: Scene) -> IntArray:
+    """(K + 1,) number of each key frame's first element when those of all key frames are counted in order."""
+    return np.cumsum([0] + [len(key_frame.elements) for key_frame in scene.key_frames])
 
 
 def _elements_under_tracks(scene: Scene, tracks: Tracks, first_of: IntArray) -> IntArray:
@@ -141,18 +156,17 @@ def _join_across_gaps(group: IntArray, key_frame_of: IntArray, votes: FloatArray
         shown[a] |= shown[b]
 
 
-def _instances(
-    group: IntArray, key_frame_of: IntArray, first_of: IntArray, labels: Sequence[Label]
-) -> tuple[Instance, ...]:
+def _instances(scene: Scene, group: IntArray) -> tuple[Instance, ...]:
     """Instances in order of first appearance, named by label and number."""
+    everything = [(k, e) for k, key_frame in enumerate(scene.key_frames) for e in range(len(key_frame.elements))]
     _, first = np.unique(group, return_index=True)
     numbers: Counter[str] = Counter()
     instances = []
     for g in group[np.sort(first)]:
-        members = np.nonzero(group == g)[0]
-        label = labels[members[0]]
-        pairs = tuple((int(key_frame_of[e]), int(e - first_of[key_frame_of[e]])) for e in members)
-        instances.append(Instance(f"{label}_{numbers[label]}", label, pairs))
+        members = tuple(everything[e] for e in np.nonzero(group == g)[0])
+        k, e = members[0]
+        label = scene.key_frames[k].elements[e].label
+        instances.append(Instance(f"{label}_{numbers[label]}", label, members))
         numbers[label] += 1
     return tuple(instances)
 

@@ -23,6 +23,7 @@ from gtlayout.extent import compute_extents
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality import Quality, assess
+from gtlayout.regroup import regroup
 from gtlayout.scene import IntArray, Scene
 from gtlayout.tracking import Tracks, track
 from gtlayout.triangulation import triangulate
@@ -34,7 +35,7 @@ class Solution:
     """The layout and what led to it."""
 
     scene: Scene
-    """As given, with what was skipped on the way added to its warnings."""
+    """As given, with what was skipped, joined or split on the way added to its warnings."""
     layout: Layout
     quality: Quality
     tracks: Tracks
@@ -65,7 +66,9 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
     """Reconstruct the room of ``scene``.
 
     ``config.restarts`` solves are made from the same tracks and the one with the best reprojection IoU is kept
-    (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them.
+    (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them. Where the
+    planes of the first show that instances are one or two, these are joined or split and solved again; the warnings
+    say so.
 
     Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
     """
@@ -83,25 +86,36 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
 
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
-    observer.instances(instances, track_instance)
 
-    with stage("edges"):
-        edges = contact_edges(scene, instances, config.edges)
+    def planes_of(chosen: IntArray, restart: int = 0) -> Estimate:
+        with stage("estimation"):
+            return estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
+
+    for rounds_left in reversed(range(config.regrouping.rounds + 1)):
+        with stage("edges"):
+            edges = contact_edges(scene, instances, config.edges)
+        solved = planes_of(track_instance)
+        with stage("regrouping"):
+            change = regroup(scene, tracks, rays, track_instance, instances, solved, config) if rounds_left else None
+        if change is None:
+            break
+        instances, track_instance = change.instances, change.track_instance
+        scene = replace(scene, warnings=(*scene.warnings, *change.said))
+    observer.instances(instances, track_instance)
     observer.edges(edges)
 
     def run(restart: int) -> Solution:
         chosen = restart_tracks(track_instance, config, restart)
-        with stage("estimation"):
-            solved = estimate(scene, tracks, rays, chosen, instances, edges, config.estimation, config.seed + restart)
+        estimated = planes_of(chosen, restart) if restart else solved
         with stage("extents"):
-            extents = compute_extents(scene, instances, solved.planes, edges, config.extent)
+            extents = compute_extents(scene, instances, estimated.planes, edges, config.extent)
         with stage("mesh"):
             mesh = build_mesh(instances, extents)
         with stage("quality"):
-            quality = assess(scene, instances, solved.planes, extents, config.quality)
-        dimensions = room_dimensions(instances, solved.planes, extents, solved.covariance)
-        layout = Layout(instances, solved.planes, extents, mesh, scene.metric, dimensions)
-        return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s)
+            quality = assess(scene, instances, estimated.planes, extents, config.quality)
+        dimensions = room_dimensions(instances, estimated.planes, extents, estimated.covariance)
+        layout = Layout(instances, estimated.planes, extents, mesh, scene.metric, dimensions)
+        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s)
 
     best = run(0)
     for restart in range(1, config.restarts):

@@ -1,0 +1,87 @@
+"""After stage 4: instances that turn out to be one plane are joined, those that turn out to be two are split.
+
+Tracks alone cannot tell that a wall which leaves the image is the one that comes into it later, and now and then they
+join two walls. Once the planes and what is known of them are there, both show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.config import Config
+from gtlayout.coplanar import find_joins
+from gtlayout.correspondence import form_instances
+from gtlayout.estimation import Estimate
+from gtlayout.layout import Instance
+from gtlayout.scene import IntArray, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import Rays
+from gtlayout.two_planes import Members, find_splits
+
+
+@dataclass(frozen=True)
+class Regrouping:
+    """New instances, and why."""
+
+    instances: tuple[Instance, ...]
+    track_instance: IntArray
+    """(N,) instance of each track, -1 = none."""
+    said: tuple[str, ...]
+    """What was joined and split, one line each."""
+
+
+def regroup(
+    scene: Scene,
+    tracks: Tracks,
+    rays: Rays,
+    track_instance: IntArray,
+    instances: Sequence[Instance],
+    solved: Estimate,
+    config: Config,
+) -> Regrouping | None:
+    """The instances as the solved planes want them; None when they stay as they are.
+
+    What was split here is not joined with others until its planes have been solved.
+    """
+    splits = find_splits(
+        scene, tracks, rays, track_instance, instances, solved.planes, config.regrouping, config.extent
+    )
+    halved = {split.instance for split in splits}
+    joins = [
+        join
+        for join in find_joins(scene, instances, solved, config.regrouping, config.extent)
+        if not halved & set(join.instances)
+    ]
+    if not splits and not joins:
+        return None
+    groups: list[Members] = [instance.members for instance in instances]
+    said = []
+    for join in joins:
+        a, b = join.instances
+        pair = _in_words(scene, groups[a][0], groups[b][0])
+        said.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
+        groups[a], groups[b] = (*groups[a], *groups[b]), ()
+    for split in splits:
+        first, second = split.parts
+        said.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
+        groups[split.instance] = first
+        groups.append(second)
+    return Regrouping(*form_instances(scene, tracks, _group_of(scene, groups)), tuple(said))
+
+
+def _group_of(scene: Scene, groups: Sequence[Members]) -> IntArray:
+    """(E,) the group of each element, all key frames in order."""
+    of = {member: number for number, members in enumerate(groups) for member in members}
+    return np.array([of[k, e] for k, key_frame in enumerate(scene.key_frames) for e in range(len(key_frame.elements))])
+
+
+def _in_words(scene: Scene, first: tuple[int, int], second: tuple[int, int]) -> str:
+    """Two elements as an annotator knows them; instances change their names here."""
+    names = []
+    for k, e in (first, second):
+        element = scene.key_frames[k].elements[e]
+        names.append(f"{element.label} {element.id} of {scene.frame_of(k).name}")
+    return " and ".join(names)

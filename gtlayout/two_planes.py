@@ -1,0 +1,220 @@
+"""Which instances are two planes: the tracks of their drawings fall into two clusters that no single plane explains."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import combinations
+
+import numpy as np
+
+from gtlayout.config import ExtentConfig, RegroupingConfig
+from gtlayout.drawings import draw_on, shown_there
+from gtlayout.evidence import prefer_visible
+from gtlayout.extent import median_depth
+from gtlayout.layout import Instance, Plane
+from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import Rays
+
+_MOST_TRACKS = 100
+"""Tracks of a drawing that are looked at, evenly spread over them."""
+_MOST_PAIRS = 60
+"""Pairs of drawings through which a single plane is tried."""
+_ITERATIONS = 15
+
+Members = tuple[tuple[int, int], ...]
+"""(key frame, element) pairs."""
+
+
+@dataclass(frozen=True)
+class Split:
+    """An instance that is two planes."""
+
+    instance: int
+    parts: tuple[Members, Members]
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Tracks of a drawing, each a point at inverse depth ρ on a ray. The origin lies amid the cameras."""
+
+    center: FloatArray
+    """(N, 3) where the rays start."""
+    ray: FloatArray
+    """(N, 3) with z = 1 in the key frame's camera."""
+    rho: FloatArray
+    """(N,)."""
+    sigma_rho: FloatArray
+    """(N,) with what all tracks of a key frame share."""
+
+    def residuals(self, plane: FloatArray) -> FloatArray:
+        """(N,) inverse depths minus those of the plane ``plane · X = -1``, in σ."""
+        clearance = 1 + self.center @ plane
+        on_plane = -(self.ray @ plane) / np.where(np.abs(clearance) < 1e-9, 1e-9, clearance)
+        residuals: FloatArray = (self.rho - on_plane) / self.sigma_rho
+        return residuals
+
+    def lost(self, plane: FloatArray, config: RegroupingConfig) -> float:
+        """How much of the drawing that plane leaves unexplained, in [0, 1]."""
+        return float(np.mean(np.minimum((self.residuals(plane) / config.track_cutoff) ** 2, 1.0)))
+
+
+def find_splits(
+    scene: Scene,
+    tracks: Tracks,
+    rays: Rays,
+    track_instance: IntArray,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    config: RegroupingConfig,
+    extent: ExtentConfig,
+) -> tuple[Split, ...]:
+    """The instances whose tracks lie on two planes, where the annotations do not say that these are one surface.
+
+    A key frame with a wrong pose, and a mirror, put tracks of one surface on two planes as well. But then a key frame
+    that shows one part shows the same where the other part should be: that forbids the split.
+    """
+    origin = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
+    max_depth = extent.max_depth_ratio * median_depth(scene, instances, planes)
+    used = prefer_visible(scene, tracks, track_instance) >= 0
+    splits = []
+    for i, instance in enumerate(instances):
+        clusters = {
+            member: cluster
+            for member in instance.members
+            if len((cluster := cluster_of(tracks, rays, used, member, origin, config)).rho) >= config.min_tracks
+        }
+        two = two_planes(list(clusters.values()), config)
+        if two is None:
+            continue
+        second, through = two
+        sides = tuple(_plane(plane, origin) for plane in through)
+        parts = tuple(
+            tuple(member for member, on in zip(clusters, second, strict=True) if on == side) for side in (False, True)
+        )
+        if _are_two(scene, instances, planes, i, parts, sides, max_depth, config, extent):
+            splits.append(Split(i, _with_the_others(scene, instance, parts, sides, max_depth, extent)))
+    return tuple(splits)
+
+
+def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[BoolArray, FloatArray] | None:
+    """The best two planes through a few clusters of tracks, when one will not do.
+
+    Every cluster counts the same, however many tracks it has: they share the errors of their key frame's camera.
+
+    Returns:
+        (C,) which clusters lie on the second plane, and (2, 3) the planes, ``plane · X = -1``; None when a single one
+        will do, or two will not.
+    """
+    if len(clusters) < 2:
+        return None
+
+    def lost(planes: Sequence[FloatArray]) -> FloatArray:
+        return np.array([[cluster.lost(plane, config) for cluster in clusters] for plane in planes])
+
+    if lost([fit(clusters, config)]).sum() < config.min_gain:
+        return None
+    starts = [fit([cluster], config) for cluster in clusters]
+    alone = lost(starts)
+    pairs = list(combinations(range(len(starts)), 2))
+    p, q = min(pairs, key=lambda pair: float(np.minimum(alone[pair[0]], alone[pair[1]]).sum()))
+    second: BoolArray = alone[q] < alone[p]
+    if second.all() or not second.any():
+        return None
+    planes = [fit([clusters[c] for c in np.nonzero(second == side)[0].tolist()], config) for side in (False, True)]
+    by_plane = lost(planes)
+    own, foreign = np.where(second, by_plane[::-1], by_plane)
+    single = [*starts, *planes, fit(clusters, config)]
+    single += [fit([clusters[c] for c in pair], config) for pair in pairs[:: -(-len(pairs) // _MOST_PAIRS)]]
+    gain = float(lost(single).sum(axis=1).min() - own.sum())
+    if (
+        own.max() > config.max_lost
+        or min(foreign[second].mean(), foreign[~second].mean()) < config.min_lost_on_other
+        or gain < config.min_gain
+    ):
+        return None
+    return second, np.array(planes)
+
+
+def fit(clusters: Sequence[Cluster], config: RegroupingConfig) -> FloatArray:
+    """(3,) ``plane · X = -1`` through the tracks of some clusters, each with the same weight; Cauchy loss."""
+    names = [field.name for field in fields(Cluster)]
+    every = Cluster(*(np.concatenate([getattr(cluster, name) for cluster in clusters]) for name in names))
+    share = np.concatenate([np.full(len(cluster.rho), 1 / len(cluster.rho)) for cluster in clusters])
+    design = every.center * every.rho[:, None] + every.ray
+    weight = share / every.sigma_rho**2
+    plane: FloatArray = np.zeros(3)
+    for _ in range(_ITERATIONS):
+        root = np.sqrt(weight)
+        plane = np.asarray(np.linalg.lstsq(root[:, None] * design, -root * every.rho)[0], dtype=np.float64)
+        robust = 1 / (1 + (every.residuals(plane) / config.track_cauchy) ** 2)
+        # The equation's residual is that of inverse depth times the clearance of the ray's start.
+        clearance = np.maximum(np.abs(1 + every.center @ plane), 1e-6)
+        weight = share * robust / (every.sigma_rho * clearance) ** 2
+    return plane
+
+
+def cluster_of(
+    tracks: Tracks, rays: Rays, used: BoolArray, member: tuple[int, int], origin: FloatArray, config: RegroupingConfig
+) -> Cluster:
+    """The tracks that were sampled on one drawing. No plane may run through the world point ``origin``."""
+    index = np.nonzero(used & (tracks.key_frame == member[0]) & (tracks.element == member[1]))[0]
+    index = index[np.linspace(0, len(index) - 1, min(len(index), _MOST_TRACKS)).round().astype(int)]
+    rho = rays.rho[index]
+    sigma = np.hypot(rays.sigma_rho[index], config.relative_depth_sigma * rho)
+    return Cluster(rays.center[index] - origin, rays.ray[index], rho, sigma)
+
+
+def _plane(plane: FloatArray, origin: FloatArray) -> Plane:
+    """``plane · (X - origin) = -1`` as a plane of the world; its covariance is not known."""
+    length = float(np.linalg.norm(plane))
+    return Plane(plane / length, float(1 - plane @ origin) / length, np.full((4, 4), np.nan), observable=True)
+
+
+def _are_two(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    index: int,
+    parts: tuple[Members, ...],
+    sides: tuple[Plane, ...],
+    max_depth: float,
+    config: RegroupingConfig,
+    extent: ExtentConfig,
+) -> bool:
+    """Whether key frames that show one part mostly show something else where the other should be, and some do."""
+    shown = []
+    for part, other in ((0, 1), (1, 0)):
+        points = draw_on(scene, parts[part], sides[part], max_depth, extent).points
+        supposed = [*instances, replace(instances[index], members=parts[other])]
+        supposed[index] = replace(instances[index], members=parts[part])
+        on = [*planes, sides[other]]
+        on[index] = sides[part]
+        shown.append(shown_there(scene, supposed, on, len(instances), index, points, extent))
+    return all(same <= config.max_shown_as_one * (same + else_) for same, else_ in shown) and any(
+        else_ for _, else_ in shown
+    )
+
+
+def _with_the_others(
+    scene: Scene,
+    instance: Instance,
+    parts: tuple[Members, ...],
+    sides: tuple[Plane, ...],
+    max_depth: float,
+    extent: ExtentConfig,
+) -> tuple[Members, Members]:
+    """Both parts with the drawings that have too few tracks to tell: each goes where it overlaps what is there more."""
+    regions = [draw_on(scene, part, plane, max_depth, extent).region for part, plane in zip(parts, sides, strict=True)]
+    whole = [list(part) for part in parts]
+    larger = int(len(parts[1]) > len(parts[0]))
+    for member in instance.members:
+        if member in parts[0] or member in parts[1]:
+            continue
+        overlap = []
+        for plane, region in zip(sides, regions, strict=True):
+            drawn = draw_on(scene, [member], plane, max_depth, extent).region
+            overlap.append(drawn.intersection(region).area / drawn.area if drawn.area else 0.0)
+        whole[larger if overlap[0] == overlap[1] else int(overlap[1] > overlap[0])].append(member)
+    return tuple(sorted(whole[0])), tuple(sorted(whole[1]))
