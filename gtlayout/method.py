@@ -1,4 +1,4 @@
-"""The method: seven stages, in order. It reads like section 3 of the paper.
+"""The method: seven stages, in order (and the cameras' refinement, on demand). It reads like section 3 of the paper.
 
 "Estimating Generic 3D Room Structures from 2D Annotations", Rozumnyi et al., NeurIPS 2023, with its optimisation recast
 as one factor graph.
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gtlayout.camera_refinement import CameraReport, refine_cameras
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
 from gtlayout.edges import ContactEdge, contact_edges
@@ -33,7 +34,9 @@ class Solution:
     """The layout and what led to it."""
 
     scene: Scene
-    """As given, with what was skipped on the way added to its warnings."""
+    """As given, with what was skipped on the way added to its warnings, and with refined cameras where
+    ``cameras.refined``.
+    """
     layout: Layout
     quality: Quality
     tracks: Tracks
@@ -43,6 +46,8 @@ class Solution:
     estimate: Estimate
     timings_s: dict[str, float]
     """Seconds of each stage, all restarts together."""
+    cameras: CameraReport | None = None
+    """What refining the cameras came to; None when that was not asked for."""
 
 
 @dataclass
@@ -80,6 +85,14 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         scene = replace(scene, warnings=(*scene.warnings, skipped))
     observer.tracks(tracks)
 
+    cameras = None
+    if config.refine_cameras:
+        with stage("cameras"):
+            scene, cameras = refine_cameras(scene, tracks, rays, config)
+        if cameras.refined:
+            rays = triangulate(scene, tracks, config.triangulation)
+            observer.cameras(scene)
+
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
     observer.instances(instances, track_instance)
@@ -99,7 +112,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         with stage("quality"):
             quality = assess(scene, instances, solved.planes, extents, config.quality)
         layout = Layout(instances, solved.planes, extents, mesh, scene.metric)
-        return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s)
+        return Solution(scene, layout, quality, tracks, chosen, edges, solved, stage.timings_s, cameras)
 
     best = run(0)
     for restart in range(1, config.restarts):
