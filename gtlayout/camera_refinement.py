@@ -48,8 +48,9 @@ def refine_cameras(scene: Scene, tracks: Tracks, rays: Rays, config: Config) -> 
     """The scene with refined camera poses, or as it was when they do not prove themselves.
 
     The cameras are refined on a part of the tracks first. Only if the others, triangulated anew, then reproject clearly
-    better than with the given cameras is the refinement done again with all tracks and kept. Frames without a track
-    keep their pose. ``rays`` are of the given cameras; triangulate again afterwards. Deterministic in ``config.seed``.
+    better than with the given cameras is the refinement done again with all tracks and kept; in the same way they say
+    whether the given poses deserve less trust. Frames without a track keep their pose. ``rays`` are of the given
+    cameras; triangulate again afterwards. Deterministic in ``config.seed``.
     """
     own = config.camera_refinement
     if camera_path(scene) == 0.0 or np.mean(rays.parallax_sigmas > MOVED_SIGMAS) < config.estimation.min_moved_share:
@@ -58,23 +59,31 @@ def refine_cameras(scene: Scene, tracks: Tracks, rays: Rays, config: Config) -> 
     held_out, fitted = np.split(order, [round(own.held_out_share * len(order))])
     if len(held_out) < own.min_held_out:
         return scene, CameraReport(f"only {len(order)} points could be tracked")
-    trial = _adjusted(scene, tracks, rays, fitted, own)
     given_cost, given_px = _misfit(scene, tracks, rays, held_out)
-    trial_cost, trial_px = _misfit(trial, tracks, triangulate(trial, tracks, config.triangulation), held_out)
-    if trial_cost > (1 - own.min_gain) * given_cost:
-        reason = f"points it did not see lie {given_px:.2f} px off before and {trial_px:.2f} px after"
-        return scene, CameraReport(reason, given_px=given_px, refined_px=trial_px)
-    refined = _adjusted(scene, tracks, rays, order, own)
+    best_cost, best_px, freedom = given_cost, given_px, 0.0
+    min_gain = own.min_gain
+    for tried in (1.0, *own.looser):
+        trial = _adjusted(scene, tracks, rays, fitted, tried, own)
+        cost, px = _misfit(trial, tracks, triangulate(trial, tracks, config.triangulation), held_out)
+        if cost > (1 - min_gain) * best_cost:
+            break
+        best_cost, best_px, freedom, min_gain = cost, px, tried, own.min_gain_looser
+    if freedom == 0.0:
+        reason = f"points it did not see lie {given_px:.2f} px off before and {px:.2f} px after"
+        return scene, CameraReport(reason, given_px=given_px, refined_px=px)
+    refined = _adjusted(scene, tracks, rays, order, freedom, own)
     turns_deg, shifts = _moved(scene, refined, np.unique(tracks.frame[np.isin(tracks.track, order)]))
-    return refined, CameraReport("", float(np.median(turns_deg)), float(np.median(shifts)), given_px, trial_px)
+    return refined, CameraReport("", float(np.median(turns_deg)), float(np.median(shifts)), given_px, best_px)
 
 
-def _adjusted(scene: Scene, tracks: Tracks, rays: Rays, used: IntArray, config: CameraRefinementConfig) -> Scene:
-    """The scene with the cameras that explain the ``used`` tracks best."""
+def _adjusted(
+    scene: Scene, tracks: Tracks, rays: Rays, used: IntArray, freedom: float, config: CameraRefinementConfig
+) -> Scene:
+    """The scene with the cameras that explain the ``used`` tracks best; ``freedom``: factor on σ of the given poses."""
     local = Normalisation.of(rays, scene.metric)
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     observed = np.isin(tracks.track, used) & spread_observations(tracks, config.max_observations)
-    graph, values = _graph(cameras, tracks, local.rays(rays), observed, config)
+    graph, values = _graph(cameras, tracks, local.rays(rays), observed, freedom, config)
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(config.max_iterations)
     params.setRelativeErrorTol(config.relative_decrease)
@@ -92,13 +101,18 @@ def _adjusted(scene: Scene, tracks: Tracks, rays: Rays, used: IntArray, config: 
 
 
 def _graph(
-    cameras: Sequence[Camera], tracks: Tracks, rays: Rays, observed: BoolArray, config: CameraRefinementConfig
+    cameras: Sequence[Camera],
+    tracks: Tracks,
+    rays: Rays,
+    observed: BoolArray,
+    freedom: float,
+    config: CameraRefinementConfig,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Bundle adjustment in the local world, native factors only, and where it starts."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     noise = gtsam.noiseModel
     sigmas = [*3 * [np.deg2rad(config.sigma_rotation_deg)], *3 * [config.sigma_position]]
-    as_given = noise.Diagonal.Sigmas(np.array(sigmas))
+    as_given = noise.Diagonal.Sigmas(freedom * np.array(sigmas))
     intrinsics = {}
     for f in np.unique(tracks.frame[observed]).tolist():
         camera, K = cameras[f], cameras[f].K

@@ -65,6 +65,8 @@ class CameraRefinementConfig:
     """How far the given rotations are trusted, about each axis."""
     sigma_position: float = 0.005
     """How far the given camera centres are trusted, along each axis."""
+    looser: tuple[float, ...] = (4.0,)
+    """Factors on both, tried in turn where the tracks say that the given poses are worse than that."""
     sigma_factor: float = 3.0
     """An observation counts with so many of its σ: the errors of a track come from one patch and are no news each."""
     cauchy: float = 0.5
@@ -85,6 +87,8 @@ class CameraRefinementConfig:
     """Fewer of them prove nothing."""
     min_gain: float = 0.1
     """Share by which their robust cost must fall; below it the given cameras stay."""
+    min_gain_looser: float = 0.25
+    """Share by which it must fall once more for given poses to be trusted less."""
 
 
 @dataclass(frozen=True)
