@@ -43,6 +43,7 @@ def solve(
     /,
     *,
     out: Path | None = None,
+    refine_cameras: Annotated[bool, Parameter(negative=())] = False,
     rerun: RerunMode = "off",
     restarts: Positive = 1,
     seed: NotNegative = 0,
@@ -52,7 +53,7 @@ def solve(
 
     The folder holds images/, cameras (COLMAP sparse/0 or nerfstudio transforms.json) and annotations.json. Written are
     layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json and config.json;
-    a scene that fails leaves nothing behind.
+    a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
 
     Parameters
     ----------
@@ -60,6 +61,8 @@ def solve(
         The scene folder.
     out
         Where results go; DIR/gtlayout when not given.
+    refine_cameras
+        For poor poses: adjust the cameras to the tracked points first; kept only where points left out of that agree.
     rerun
         Log each stage for the rerun viewer: save log.rrd beside the results, spawn a viewer, or connect to one.
     restarts
@@ -75,13 +78,14 @@ def solve(
     from gtlayout.io import load_scene
     from gtlayout.io.layout_files import write_results
     from gtlayout.method import solve as solve_scene
-    from gtlayout.report_table import dimensions, element_table, reasons, verdict
+    from gtlayout.report_table import camera_line, dimensions, element_table, reasons, verdict
 
-    config = Config(seed=seed, restarts=restarts)
+    config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load_scene(scene_dir)
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
         solution = solve_scene(scene, config, observer)
-        write_results(out_dir, solution.scene, solution.layout, solution.quality, config)
+        refined = solution.cameras is not None and solution.cameras.refined
+        write_results(out_dir, solution.scene, solution.layout, solution.quality, config, refined)
 
     console = stdout()
     console.print(element_table(solution.layout, solution.quality))
@@ -89,6 +93,8 @@ def solve(
         console.print(reason, style="yellow")
     for dimension in dimensions(solution.layout):
         console.print(dimension)
+    if solution.cameras is not None:
+        console.print(camera_line(solution.cameras, scene.metric))
     warnings = solution.scene.warnings
     shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
     for warning in shown:
@@ -106,6 +112,9 @@ def solve(
 def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path | None = None) -> None:
     """Compare a solved layout with the annotations and, where the scene has them, with depth/ and gt_planes.json.
 
+    Images and depth are compared through the cameras the layout was solved with, refined ones included; planes in the
+    world of the scene's own cameras.
+
     Parameters
     ----------
     scene_dir
@@ -119,10 +128,12 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     from gtlayout.io import load_scene
     from gtlayout.io.files import write_json_atomic
     from gtlayout.io.layout_files import read_layout
+    from gtlayout.io.refined_cameras import with_refined_cameras
     from gtlayout.report_table import evaluation_table
 
-    scene = load_scene(scene_dir)
-    evaluation = evaluate_layout(scene, read_layout(layout or scene_dir / RESULTS, scene))
+    folder = layout or scene_dir / RESULTS
+    scene = with_refined_cameras(load_scene(scene_dir), folder)
+    evaluation = evaluate_layout(scene, read_layout(folder, scene))
     stdout().print(evaluation_table(evaluation))
     if json is not None:
         write_json_atomic(json, asdict(evaluation))

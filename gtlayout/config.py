@@ -58,6 +58,40 @@ class TriangulationConfig:
 
 
 @dataclass(frozen=True)
+class CameraRefinementConfig:
+    """Bundle adjustment between stages 1 and 2. Lengths are metres, or 1/2.5 of the median depth when not metric."""
+
+    sigma_rotation_deg: float = 0.05
+    """How far the given rotations are trusted, about each axis."""
+    sigma_position: float = 0.005
+    """How far the given camera centres are trusted, along each axis."""
+    looser: tuple[float, ...] = (4.0,)
+    """Factors on both, tried in turn where the tracks say that the given poses are worse than that."""
+    sigma_factor: float = 3.0
+    """An observation counts with so many of its σ: the errors of a track come from one patch and are no news each."""
+    cauchy: float = 0.5
+    """Robust scale of an observation, in σ made so large."""
+    sigma_point_depths: float = 5.0
+    """Prior on a landmark round its start, in depths of it."""
+    max_tracks: int = 2000
+    """Random tracks that take part, held-out ones included."""
+    max_observations: int = 20
+    """Observations of a track that enter the graph, spread evenly over it."""
+    max_iterations: int = 30
+    """Levenberg-Marquardt iterations."""
+    relative_decrease: float = 1e-4
+    """The solve ends when an iteration lowers the cost by less than this share."""
+    held_out_share: float = 0.25
+    """Share of the tracks that the first refinement does not see and is judged by."""
+    min_held_out: int = 20
+    """Fewer of them prove nothing."""
+    min_gain: float = 0.1
+    """Share by which their robust cost must fall; below it the given cameras stay."""
+    min_gain_looser: float = 0.25
+    """Share by which it must fall once more for given poses to be trusted less."""
+
+
+@dataclass(frozen=True)
 class CorrespondenceConfig:
     """Stage 2."""
 
@@ -305,6 +339,7 @@ class Config:
 
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
+    camera_refinement: CameraRefinementConfig = field(default_factory=CameraRefinementConfig)
     correspondence: CorrespondenceConfig = field(default_factory=CorrespondenceConfig)
     edges: EdgeConfig = field(default_factory=EdgeConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
@@ -312,6 +347,8 @@ class Config:
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
     seed: int = 0
+    refine_cameras: bool = False
+    """Whether to refine the camera poses with the tracks before anything is built on them."""
     restarts: int = 1
     """Solves of which the one with the best reprojection IoU is kept (paper 3.5, which makes 100)."""
     restart_share: float = 0.8

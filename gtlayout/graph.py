@@ -50,7 +50,7 @@ def solve(
     """
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
     structure = structure_factors(evidence, start, config)
-    observed = _spread_observations(tracks, config.max_observations)
+    observed = spread_observations(tracks, config.max_observations)
     planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
     costs: list[float] = []
     history = [planes.copy()]
@@ -87,7 +87,7 @@ def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationCon
     return robust, weight
 
 
-def _spread_observations(tracks: Tracks, most: int) -> BoolArray:
+def spread_observations(tracks: Tracks, most: int) -> BoolArray:
     """(M,) up to ``most`` observations of each track, evenly spread over it, its ends among them."""
     length = np.bincount(tracks.track, minlength=len(tracks))
     first = np.cumsum(length) - length

@@ -1,4 +1,4 @@
-"""The method: seven stages, in order. It reads like section 3 of the paper.
+"""The method: seven stages, in order (and the cameras' refinement, on demand). It reads like section 3 of the paper.
 
 "Estimating Generic 3D Room Structures from 2D Annotations", Rozumnyi et al., NeurIPS 2023, with its optimisation recast
 as one factor graph.
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gtlayout.camera_refinement import CameraReport, refine_cameras
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
 from gtlayout.dimensions import room_dimensions
@@ -35,7 +36,9 @@ class Solution:
     """The layout and what led to it."""
 
     scene: Scene
-    """As given, with what was skipped, joined or split on the way added to its warnings."""
+    """As given, with what was skipped, joined or split on the way added to its warnings, and with refined cameras where
+    ``cameras.refined``.
+    """
     layout: Layout
     quality: Quality
     tracks: Tracks
@@ -45,6 +48,8 @@ class Solution:
     estimate: Estimate
     timings_s: dict[str, float]
     """Seconds of each stage, all restarts together."""
+    cameras: CameraReport | None = None
+    """What refining the cameras came to; None when that was not asked for."""
 
 
 @dataclass
@@ -84,6 +89,14 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         scene = replace(scene, warnings=(*scene.warnings, skipped))
     observer.tracks(tracks)
 
+    cameras = None
+    if config.refine_cameras:
+        with stage("cameras"):
+            scene, cameras = refine_cameras(scene, tracks, rays, config)
+        if cameras.refined:
+            rays = triangulate(scene, tracks, config.triangulation)
+            observer.cameras(scene)
+
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
 
@@ -115,7 +128,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
             quality = assess(scene, instances, estimated.planes, extents, config.quality)
         dimensions = room_dimensions(instances, estimated.planes, extents, estimated.covariance)
         layout = Layout(instances, estimated.planes, extents, mesh, scene.metric, dimensions)
-        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s)
+        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s, cameras)
 
     best = run(0)
     for restart in range(1, config.restarts):
@@ -123,11 +136,15 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         with suppress(GtlayoutError):
             best = max(best, run(restart), key=lambda solution: solution.quality.iou)
 
-    observer.estimate(best.estimate)
-    observer.extents(best.layout.extents)
-    observer.mesh(best.layout.mesh)
-    observer.quality(best.layout, best.quality)
+    _show(best, observer)
     return best
+
+
+def _show(solution: Solution, observer: Observer) -> None:
+    observer.estimate(solution.estimate)
+    observer.extents(solution.layout.extents)
+    observer.mesh(solution.layout.mesh)
+    observer.quality(solution.layout, solution.quality)
 
 
 def restart_tracks(track_instance: IntArray, config: Config, restart: int) -> IntArray:

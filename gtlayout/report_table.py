@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.box import SIMPLE
 from rich.table import Table
 
+from gtlayout.camera_refinement import CameraReport
 from gtlayout.evaluation import Evaluation
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
@@ -44,6 +45,17 @@ def dimensions(layout: Layout) -> list[str]:
         f"{one.kind} {names[one.first]} – {names[one.second]}: {one.length:.3f} ± {one.sigma:.3f} {unit}"
         for one in sorted(layout.dimensions, key=lambda one: (one.kind, one.sigma))
     ]
+
+
+def camera_line(cameras: CameraReport, metric: bool) -> str:
+    """One line: what refining the cameras came to."""
+    if not cameras.refined:
+        return f"cameras kept: refinement did not prove itself ({cameras.kept_because})"
+    shift = f"{100 * cameras.shift:.1f} cm" if metric else f"{cameras.shift:.3g} units"
+    return (
+        f"cameras refined: median {cameras.rotation_deg:.2f}° / {shift} moved, "
+        f"points left out {cameras.given_px:.2f} → {cameras.refined_px:.2f} px off"
+    )
 
 
 def verdict(scene: Scene, layout: Layout, quality: Quality) -> str:

@@ -23,7 +23,7 @@ from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of
 from gtlayout.render import render
 from gtlayout.report_table import markdown
-from gtlayout.scene import FloatArray, ImageArray, IntArray, Scene
+from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.support import OUTVOTED
 from gtlayout.tracking import Tracks
 from gtlayout.visualize import Observer
@@ -48,6 +48,7 @@ _INSTANCE_COLORS: Colors = np.array(
     dtype=np.uint8,
 )  # fmt: skip
 _GREY = (130, 130, 130)
+_REFINED = (255, 230, 0)
 _NOTHING = 0
 """Class of pixels without an element; instance i has class i + 1."""
 
@@ -86,21 +87,20 @@ class RerunObserver(Observer):
         self._scene = scene
         record = self._recording
         record.send_blueprint(blueprint(scene))
-        centers = np.array([frame.camera.center_world for frame in scene.frames])
+        centers = _centers(scene)
         record.log("world/path", rr.LineStrips3D([centers], colors=_GREY), static=True)
         path_length = float(np.linalg.norm(np.ptp(centers, axis=0)))
         key_frame_of = {key_frame.frame: number for number, key_frame in enumerate(scene.key_frames)}
         for index, frame in enumerate(scene.frames):
             record.set_time("frame", sequence=index)
             camera = frame.camera
-            pose = rr.Transform3D(translation=camera.center_world, mat3x3=camera.R_cam_from_world.T)
             pinhole = rr.Pinhole(
                 image_from_camera=camera.K,
                 width=camera.width,
                 height=camera.height,
                 image_plane_distance=FRUSTUM_SHARE * path_length,
             )
-            record.log("world/camera", pose)
+            record.log("world/camera", _pose(camera))
             record.log("world/camera/image", pinhole)
             try:
                 image = _jpeg(read_rgb(frame))
@@ -141,6 +141,14 @@ class RerunObserver(Observer):
             tails = np.split(tracks.points_px[seen], starts[1:]) if len(seen) else []
             strips = rr.LineStrips2D(tails, colors=colors[owners], radii=-0.75)
             self._recording.log("world/camera/image/tails", strips)
+
+    def cameras(self, scene: Scene) -> None:
+        """The refined path beside the given one; from here on the camera moves along it."""
+        self._scene = scene
+        self._recording.log("world/refined_path", rr.LineStrips3D([_centers(scene)], colors=_REFINED), static=True)
+        for index, frame in enumerate(scene.frames):
+            self._recording.set_time("frame", sequence=index)
+            self._recording.log("world/camera", _pose(frame.camera))
 
     def instances(self, instances: tuple[Instance, ...], track_instance: IntArray) -> None:
         """Tracked points coloured by instance, grey where they belong to none."""
@@ -252,6 +260,15 @@ class RerunObserver(Observer):
             radii=-1.5,
         )
         record.log("world/dimensions", lines, static=True)
+
+
+def _centers(scene: Scene) -> FloatArray:
+    """(N, 3) the camera's path."""
+    return np.array([frame.camera.center_world for frame in scene.frames])
+
+
+def _pose(camera: Camera) -> rr.Transform3D:
+    return rr.Transform3D(translation=camera.center_world, mat3x3=camera.R_cam_from_world.T)
 
 
 def _jpeg(rgb: ImageArray) -> rr.EncodedImage:

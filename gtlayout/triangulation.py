@@ -95,6 +95,13 @@ def camera_path(scene: Scene) -> float:
     return extent if extent > 1e-9 * float(np.abs(centers).max()) else 0.0
 
 
+def reprojection_px(scene: Scene, tracks: Tracks, rays: Rays) -> FloatArray:
+    """(M, 2) where each observation's point projects to, minus where it was seen."""
+    far, slope = _projection(scene, tracks, rays.center, rays.ray)
+    residual, _ = _reprojection(tracks, far, slope, rays.rho[tracks.track])
+    return residual
+
+
 def _depth_range(scene: Scene, config: TriangulationConfig) -> tuple[float, float]:
     """Depths that points may have: metres where the scene has a unit, else multiples of the camera's path."""
     if scene.metric:

@@ -48,6 +48,9 @@ class Observer:
     def tracks(self, tracks: Tracks) -> None:
         """Result of stage 1."""
 
+    def cameras(self, scene: Scene) -> None:
+        """The scene with refined cameras; called only when there are any."""
+
     def instances(self, instances: tuple[Instance, ...], track_instance: IntArray) -> None:
         """Result of stage 2."""
 

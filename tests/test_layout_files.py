@@ -86,6 +86,13 @@ def test_same_layout_same_bytes(tmp_path: Path, solved: tuple[Scene, Layout, Qua
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
 
 
+def test_refined_cameras_do_not_outlive_their_layout(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
+    write_results(tmp_path, *solved, Config(), cameras_refined=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["cameras.json", *FILES])
+    write_results(tmp_path, *solved, Config())
+    assert sorted(path.name for path in tmp_path.iterdir()) == FILES
+
+
 def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
     scene, layout, quality = solved
     write_results(tmp_path, scene, layout, quality, Config(seed=7))

@@ -62,6 +62,19 @@ def test_as_many_pictures_are_averaged_as_the_motion_asks_for() -> None:
             assert np.ptp(yaws_deg) == pytest.approx(0.8 * step_deg * (1 - 1 / len(during)), rel=1e-3, abs=1e-6)
 
 
+def test_a_frame_without_blur_leaves_the_exposures_after_it_where_they_were() -> None:
+    yaws_rad = np.deg2rad([0.0, 0.0, 0.0, 0.0, 1.0, 4.0, 9.0, 16.0, 25.0])
+    R_cam_from_world = np.stack([looking(yaw, 0, 0) for yaw in yaws_rad])
+    path = CameraPath(R_cam_from_world, np.tile([2.0, 1.0, 1.5], (len(yaws_rad), 1)))
+    cameras = cameras_along(path, K, 240, 180)
+    opened = exposures(path, cameras, 0.3)
+    assert len(opened[1]) == 1 < len(opened[-2])
+    for camera, during in zip(cameras, opened, strict=True):
+        turns = [each.R_cam_from_world @ camera.R_cam_from_world.T for each in during]
+        yaws_deg = np.rad2deg([np.arctan2(turn[0, 2], turn[0, 0]) for turn in turns])
+        assert np.mean(yaws_deg) == pytest.approx(0, abs=0.1)
+
+
 def test_no_shutter_time_no_blur() -> None:
     path, cameras = _pan(2.0)
     assert exposures(path, cameras, 0.0) == tuple((camera,) for camera in cameras)

@@ -1,4 +1,4 @@
-"""The results of a solve as files: layout.json, layout.ply, layout.glb, quality.json, config.json."""
+"""The results of a solve as files: layout.json, layout.ply, layout.glb, quality.json, config.json, cameras.json."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from gtlayout import __version__
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text, read_json, write_all_atomic
+from gtlayout.io.refined_cameras import FILE as CAMERAS_FILE
+from gtlayout.io.refined_cameras import refined_cameras_text
 from gtlayout.layout import Dimension, Extent, HeldBy, Instance, Layout, Mesh, Plane, PlaneFrame, Support
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality import Quality
@@ -34,15 +36,21 @@ LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
 """RGB of each label in meshes and pictures."""
 
 
-def write_results(out_dir: Path, scene: Scene, layout: Layout, quality: Quality, config: Config) -> None:
+def write_results(
+    out_dir: Path, scene: Scene, layout: Layout, quality: Quality, config: Config, cameras_refined: bool = False
+) -> None:
     """Write all result files: every one complete before the first takes its place. A log of an earlier solve goes.
+
+    ``cameras_refined``: the scene's cameras are not those it was read with, and are written, too.
 
     Raises:
         GtlayoutError: the folder or disk does not take them.
     """
     versions = {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
+    cameras: dict[Path, bytes | str] = {out_dir / CAMERAS_FILE: refined_cameras_text(scene)} if cameras_refined else {}
     write_all_atomic(
         {
+            **cameras,
             out_dir / "layout.ply": _ply(layout),
             out_dir / "layout.glb": _glb(layout),
             out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
@@ -52,6 +60,8 @@ def write_results(out_dir: Path, scene: Scene, layout: Layout, quality: Quality,
         }
     )
     (out_dir / "log.rrd").unlink(missing_ok=True)
+    if not cameras_refined:
+        (out_dir / CAMERAS_FILE).unlink(missing_ok=True)
 
 
 def read_layout(out_dir: Path, scene: Scene) -> Layout:

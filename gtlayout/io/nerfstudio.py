@@ -42,18 +42,30 @@ def write_transforms(path: Path, frames: Sequence[Frame]) -> None:
 
     Raises GtlayoutError when an image lies outside that folder or the file cannot be written.
     """
+    for frame in frames:
+        if not frame.image_path.is_relative_to(path.parent):
+            raise GtlayoutError(f"cannot write {path}: image {frame.image_path} lies outside its folder")
+    write_json_atomic(path, transforms(path.parent, frames))
+
+
+def transforms(root: Path, frames: Sequence[Frame]) -> dict[str, Any]:
+    """The frames' pinhole cameras as ``transforms.json`` holds them, with image paths as of ``file_path``."""
     intrinsics = [_intrinsics_of(frame) for frame in frames]
     shared = intrinsics[0] if all(each == intrinsics[0] for each in intrinsics) else {}
     entries = []
     for frame, own in zip(frames, intrinsics, strict=True):
-        if not frame.image_path.is_relative_to(path.parent):
-            raise GtlayoutError(f"cannot write {path}: image {frame.image_path} lies outside its folder")
         world_from_cam = np.eye(4)
         world_from_cam[:3, :3] = frame.camera.R_cam_from_world.T @ OPENGL_FROM_OPENCV
         world_from_cam[:3, 3] = frame.camera.center_world
-        entry = {"file_path": frame.image_path.relative_to(path.parent).as_posix(), "transform_matrix": world_from_cam}
+        entry = {"file_path": file_path(root, frame), "transform_matrix": world_from_cam}
         entries.append(entry if shared else {**own, **entry})
-    write_json_atomic(path, {"camera_model": "PINHOLE", **shared, "frames": entries})
+    return {"camera_model": "PINHOLE", **shared, "frames": entries}
+
+
+def file_path(root: Path, frame: Frame) -> str:
+    """The frame's image relative to the folder ``root``; its name alone when it lies outside."""
+    inside = frame.image_path.is_relative_to(root)
+    return frame.image_path.relative_to(root).as_posix() if inside else frame.name
 
 
 def _posed_image(entry: Any, index: int, data: dict[str, Any], root: Path, path: Path) -> PosedImage:

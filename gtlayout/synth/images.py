@@ -46,10 +46,11 @@ def exposures(path: CameraPath, cameras: Sequence[Camera], shutter_share: float)
     counts = np.clip(np.ceil(np.array(moved_px) / BLUR_STEP_PX), 1, MAX_PICTURES).astype(int)
     # The middles of as many equal parts of the exposure.
     parts = [frame + shutter_share * ((np.arange(n) + 0.5) / n - 0.5) for frame, n in zip(frames, counts, strict=True)]
-    during = iter(cameras_along(path.at(frames, np.concatenate(parts)), K, width, height))
+    during = cameras_along(path.at(frames, np.concatenate(parts)), K, width, height)
+    firsts = np.cumsum(counts) - counts
     return tuple(
-        tuple(next(during) for _ in range(count)) if count > 1 else (camera,)
-        for camera, count in zip(cameras, counts, strict=True)
+        during[first : first + count] if count > 1 else (camera,)
+        for camera, first, count in zip(cameras, firsts, counts, strict=True)
     )
 
 

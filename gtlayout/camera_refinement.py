@@ -1,0 +1,155 @@
+"""Between stages 1 and 2, on demand: bundle adjustment of the cameras with the tracks, kept where it proves itself.
+
+Variables are a ``Pose3`` per frame with observations and a ``Point3`` per track. The given poses are priors: they hold
+the world frame and its scale, and what the tracks do not determine stays as it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import L, X
+from scipy.spatial.transform import Rotation
+
+from gtlayout.config import CameraRefinementConfig, Config
+from gtlayout.estimation import MOVED_SIGMAS
+from gtlayout.evidence import Normalisation
+from gtlayout.graph import spread_observations
+from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import Rays, camera_path, reprojection_px, triangulate
+
+
+@dataclass(frozen=True)
+class CameraReport:
+    """Whether the cameras were refined, and what spoke for or against it. NaN where it did not come to that."""
+
+    kept_because: str = ""
+    """Why the given cameras stay; empty when they were refined."""
+    rotation_deg: float = np.nan
+    """Median turn of the cameras that moved."""
+    shift: float = np.nan
+    """Median shift of their centres, world unit."""
+    given_px: float = np.nan
+    """Median reprojection error, with the given cameras, of tracks that the refinement did not see …"""
+    refined_px: float = np.nan
+    """… and with the cameras refined without them."""
+
+    @property
+    def refined(self) -> bool:
+        """Whether the scene has new cameras."""
+        return not self.kept_because
+
+
+def refine_cameras(scene: Scene, tracks: Tracks, rays: Rays, config: Config) -> tuple[Scene, CameraReport]:
+    """The scene with refined camera poses, or as it was when they do not prove themselves.
+
+    The cameras are refined on a part of the tracks first. Only if the others, triangulated anew, then reproject clearly
+    better than with the given cameras is the refinement done again with all tracks and kept; in the same way they say
+    whether the given poses deserve less trust. Frames without a track keep their pose. ``rays`` are of the given
+    cameras; triangulate again afterwards. Deterministic in ``config.seed``.
+    """
+    own = config.camera_refinement
+    if camera_path(scene) == 0.0 or np.mean(rays.parallax_sigmas > MOVED_SIGMAS) < config.estimation.min_moved_share:
+        return scene, CameraReport("the camera hardly moves")
+    order = np.random.default_rng(config.seed).permutation(len(tracks))[: own.max_tracks]
+    held_out, fitted = np.split(order, [round(own.held_out_share * len(order))])
+    if len(held_out) < own.min_held_out:
+        return scene, CameraReport(f"only {len(order)} points could be tracked")
+    given_cost, given_px = _misfit(scene, tracks, rays, held_out)
+    best_cost, best_px, freedom = given_cost, given_px, 0.0
+    min_gain = own.min_gain
+    for tried in (1.0, *own.looser):
+        trial = _adjusted(scene, tracks, rays, fitted, tried, own)
+        cost, px = _misfit(trial, tracks, triangulate(trial, tracks, config.triangulation), held_out)
+        if cost > (1 - min_gain) * best_cost:
+            break
+        best_cost, best_px, freedom, min_gain = cost, px, tried, own.min_gain_looser
+    if freedom == 0.0:
+        reason = f"points it did not see lie {given_px:.2f} px off before and {px:.2f} px after"
+        return scene, CameraReport(reason, given_px=given_px, refined_px=px)
+    refined = _adjusted(scene, tracks, rays, order, freedom, own)
+    turns_deg, shifts = _moved(scene, refined, np.unique(tracks.frame[np.isin(tracks.track, order)]))
+    return refined, CameraReport("", float(np.median(turns_deg)), float(np.median(shifts)), given_px, best_px)
+
+
+def _adjusted(
+    scene: Scene, tracks: Tracks, rays: Rays, used: IntArray, freedom: float, config: CameraRefinementConfig
+) -> Scene:
+    """The scene with the cameras that explain the ``used`` tracks best; ``freedom``: factor on σ of the given poses."""
+    local = Normalisation.of(rays, scene.metric)
+    cameras = [local.camera(frame.camera) for frame in scene.frames]
+    observed = np.isin(tracks.track, used) & spread_observations(tracks, config.max_observations)
+    graph, values = _graph(cameras, tracks, local.rays(rays), observed, freedom, config)
+    params = gtsam.LevenbergMarquardtParams()
+    params.setMaxIterations(config.max_iterations)
+    params.setRelativeErrorTol(config.relative_decrease)
+    optimum = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
+    frames = list(scene.frames)
+    for f in np.unique(tracks.frame[observed]).tolist():
+        pose = optimum.atPose3(X(f))
+        R_cam_from_world = pose.rotation().matrix().T
+        center = local.points_to_world(pose.translation())
+        camera = replace(
+            frames[f].camera, R_cam_from_world=R_cam_from_world, t_cam_from_world=-R_cam_from_world @ center
+        )
+        frames[f] = replace(frames[f], camera=camera)
+    return replace(scene, frames=tuple(frames))
+
+
+def _graph(
+    cameras: Sequence[Camera],
+    tracks: Tracks,
+    rays: Rays,
+    observed: BoolArray,
+    freedom: float,
+    config: CameraRefinementConfig,
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """Bundle adjustment in the local world, native factors only, and where it starts."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    noise = gtsam.noiseModel
+    sigmas = [*3 * [np.deg2rad(config.sigma_rotation_deg)], *3 * [config.sigma_position]]
+    as_given = noise.Diagonal.Sigmas(freedom * np.array(sigmas))
+    intrinsics = {}
+    for f in np.unique(tracks.frame[observed]).tolist():
+        camera, K = cameras[f], cameras[f].K
+        intrinsics[f] = gtsam.Cal3_S2(K[0, 0], K[1, 1], K[0, 1], K[0, 2], K[1, 2])
+        pose = gtsam.Pose3(gtsam.Rot3(camera.R_cam_from_world.T), camera.center_world)
+        values.insert(X(f), pose)
+        graph.add(gtsam.PriorFactorPose3(X(f), pose, as_given))
+    points, depth = rays.points_world(), 1 / rays.rho
+    models = {}
+    cauchy = noise.mEstimator.Cauchy.Create(config.cauchy)
+    for n in np.unique(tracks.track[observed]).tolist():
+        sigma_px = config.sigma_factor * float(tracks.sigma_px[n])
+        models[n] = noise.Robust.Create(cauchy, noise.Isotropic.Sigma(2, sigma_px))
+        values.insertPoint3(L(n), points[n])
+        # A track without parallax has no depth: this keeps the system regular.
+        leash = noise.Isotropic.Sigma(3, config.sigma_point_depths * float(depth[n]))
+        graph.add(gtsam.PriorFactorPoint3(L(n), points[n], leash))
+    for n, f, point_px in zip(
+        tracks.track[observed].tolist(), tracks.frame[observed].tolist(), tracks.points_px[observed], strict=True
+    ):
+        graph.add(gtsam.GenericProjectionFactorCal3_S2(point_px, models[n], X(f), L(n), intrinsics[f]))
+    return graph, values
+
+
+def _misfit(scene: Scene, tracks: Tracks, rays: Rays, chosen: IntArray) -> tuple[float, float]:
+    """Mean robust cost and median error, px, of the ``chosen`` tracks' observations outside their key frames."""
+    errors_px = np.linalg.norm(reprojection_px(scene, tracks, rays), axis=1)
+    key_frames = np.array([key_frame.frame for key_frame in scene.key_frames])[tracks.key_frame]
+    counted = np.isin(tracks.track, chosen) & (tracks.frame != key_frames[tracks.track])
+    sigma_px = tracks.sigma_px[tracks.track]
+    cost = np.log1p((errors_px / sigma_px) ** 2)
+    return float(cost[counted].mean()), float(np.median(errors_px[counted]))
+
+
+def _moved(before: Scene, after: Scene, frames: IntArray) -> tuple[FloatArray, FloatArray]:
+    """How far the cameras of ``frames`` turned, degrees, and their centres moved, world unit."""
+    pairs = [(before.frames[f].camera, after.frames[f].camera) for f in frames]
+    turns = np.array([new.R_cam_from_world @ old.R_cam_from_world.T for old, new in pairs])
+    shifts = np.array([new.center_world - old.center_world for old, new in pairs])
+    return np.rad2deg(Rotation.from_matrix(turns).magnitude()), np.linalg.norm(shifts, axis=1)
