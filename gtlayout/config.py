@@ -115,8 +115,8 @@ class EdgeConfig:
     """Two boundaries closer than this run along each other."""
     step_px: float = 4.0
     """Distance of the samples on a contact edge."""
-    min_length_px: float = 20.0
-    """Shorter contacts say nothing about a line."""
+    min_length_px: float = 40.0
+    """Shorter contacts say nothing about a line: on the real clips they are 12-15 px off, longer ones 1-5 px."""
     straightness_px: float = 6.0
     """A pair's points further than this from their common line are not contact."""
     occlusion_px: float = 6.0
@@ -207,8 +207,8 @@ class EstimationConfig:
     """Tracks from which on a surface is trusted fully."""
     max_tracks: int = 400
     """Tracks of an element that enter the graph: more only cost time, for their weights have a limit together."""
-    max_track_weight: float = 60.0
-    """Sum of the weights of an element's tracks."""
+    max_track_weight: float = 4.0
+    """Sum of the weights of an element's tracks from one key frame."""
     sigma_edge_shift_px: float = 1.6
     """Shift of an annotated edge as a whole."""
     sigma_edge_tilt_px: float = 0.6
@@ -235,8 +235,10 @@ class EstimationConfig:
     """How far a door or window sits back in its wall."""
     coplanarity_cauchy: float = 2.0
     """Robust scale of both, in σ."""
+    annealing: tuple[float, ...] = (4.0, 2.0)
+    """Robust scales start so many times as wide, one re-weighting each: graduated non-convexity."""
     rounds: int = 4
-    """Re-weightings of whole tracks."""
+    """Re-weightings of whole tracks at the scales themselves."""
     max_iterations: int = 15
     """Levenberg-Marquardt iterations a round."""
     relative_decrease: float = 1e-4

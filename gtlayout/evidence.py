@@ -136,6 +136,8 @@ class Evidence:
     """(N,) σ of the inverse depths with the errors that all points share."""
     track_surface: IntArray
     """(N,) surface of each track; -1 = does not take part."""
+    track_key_frame: IntArray
+    """(N,) key frame each track was sampled in."""
     track_weight: FloatArray
     """(N,) how far each track is trusted before its residual is known, in [0, 1]."""
     edges: tuple[EdgeGroup, ...]
@@ -180,6 +182,7 @@ def gather(
         rays=rays,
         sigma_rho=np.hypot(rays.sigma_rho, config.relative_depth_sigma * rays.rho),
         track_surface=track_surface,
+        track_key_frame=tracks.key_frame,
         track_weight=_trust(scene, tracks, track_surface, instances, config),
         edges=_edge_groups(edges, host, key_cameras),
         perpendicular=across | across.T,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -49,18 +49,20 @@ def solve(
     one robust kernel on a factor cannot do that, because a track is many factors.
     """
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
-    structure = structure_factors(evidence, start, config)
     observed = spread_observations(tracks, config.max_observations)
     planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
     costs: list[float] = []
     history = [planes.copy()]
-    for _ in range(config.rounds):
-        robust, weight = _track_weights(evidence, planes, config)
+    for looseness in (*config.annealing, *[1.0] * config.rounds):
+        kernels = replace(
+            config, track_cauchy=looseness * config.track_cauchy, edge_cauchy=looseness * config.edge_cauchy
+        )
+        robust, weight = _track_weights(evidence, planes, kernels)
         used = weight > _NEGLIGIBLE
         values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0])
         seen = observed & used[tracks.track]
         graph = _track_factors(cameras, tracks, evidence, values, surfaces, seen, weight, config)
-        graph.push_back(structure)
+        graph.push_back(structure_factors(evidence, start, kernels))
         for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
             graph.push_back(prior)
         values = _optimise(graph, values, surfaces, start, config, costs, history)
@@ -68,7 +70,7 @@ def solve(
         landmarks[:] = np.nan
         for n in np.nonzero(used)[0]:
             landmarks[n] = values.atPoint3(L(int(n)))
-        if np.abs(planes - before)[surfaces].max() < config.settled:
+        if looseness == 1.0 and np.abs(planes - before)[surfaces].max() < config.settled:
             break
     return Solution(planes, landmarks, robust, tuple(costs), tuple(history))
 
@@ -82,8 +84,11 @@ def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationCon
         residual = evidence.track_residuals(index, planes[s][None])[0]
         robust[index] = 1.0 / (1.0 + (residual / config.track_cauchy) ** 2)
         weight[index] = robust[index] * evidence.track_weight[index]
-        # Tracks of one surface share the errors of cameras and surface: past some number more of them tell nothing new.
-        weight[index] *= min(1.0, config.max_track_weight / max(weight[index].sum(), 1e-9))
+        # Tracks of a surface in one key frame share the errors of cameras and surface: past some number more of them
+        # tell nothing new.
+        key_frame = evidence.track_key_frame[index]
+        together = np.bincount(key_frame, weight[index])[key_frame]
+        weight[index] *= np.minimum(1.0, config.max_track_weight / np.maximum(together, 1e-9))
     return robust, weight
 
 

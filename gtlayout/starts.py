@@ -45,7 +45,8 @@ def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> t
         index = np.nonzero(evidence.track_surface == s)[0]
         weight = float(evidence.track_weight[index].mean()) if len(index) else 0.0
         if weight > 0:
-            weight *= min(1.0, config.max_track_weight / (weight * len(index)))
+            limit = config.max_track_weight * len(np.unique(evidence.track_key_frame[index]))
+            weight *= min(1.0, limit / (weight * len(index)))
             scalar = gtsam.noiseModel.mEstimator.Base.ReweightScheme.Scalar
             noise = gtsam.noiseModel.Robust.Create(
                 gtsam.noiseModel.mEstimator.Cauchy.Create(config.track_cauchy * np.sqrt(weight), scalar),

@@ -142,8 +142,9 @@ def _add_tracks(
     shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
     system.insert(S(s), point)
     system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SURFACE)
-    for k in np.unique(tracks.key_frame[index]).tolist():
-        here = tracks.key_frame[index] == k
+    key_frame = evidence.track_key_frame[index]
+    for k in np.unique(key_frame).tolist():
+        here = key_frame == k
         key = B(s * len(tracks.tried) + k)
         bias = np.hypot(expected.relative_depth, expected.of_track * np.median(raw[here]))
         system.insert(key, point)
