@@ -184,7 +184,7 @@ def gather(
         track_surface=track_surface,
         track_key_frame=tracks.key_frame,
         track_weight=_trust(scene, tracks, track_surface, instances, config),
-        edges=_edge_groups(edges, host, key_cameras),
+        edges=_edge_groups(edges, host, key_cameras, config.min_edge_px),
         perpendicular=across | across.T,
         level=level,
         wall=wall,
@@ -250,13 +250,16 @@ def _trust(
     return weight
 
 
-def _edge_groups(edges: Sequence[ContactEdge], host: IntArray, key_cameras: Sequence[Camera]) -> tuple[EdgeGroup, ...]:
+def _edge_groups(
+    edges: Sequence[ContactEdge], host: IntArray, key_cameras: Sequence[Camera], min_length_px: float
+) -> tuple[EdgeGroup, ...]:
     """The contact edges whose planes meet in a line: not those between an opening and its host, or within one host."""
     root = np.where(host >= 0, host, np.arange(len(host)))
     return tuple(
         EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
         for edge in edges
         if root[edge.instances[0]] != root[edge.instances[1]]
+        and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= min_length_px
     )
 
 
