@@ -6,7 +6,7 @@ Variables are an ``OrientedPlane3`` per instance and a ``Point3`` per track.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.support import supports
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
-from gtlayout.uncertainty import plane_uncertainty
+from gtlayout.uncertainty import Uncertainty, plane_uncertainty
 
 MOVED_SIGMAS = 3.0
 """A track shows parallax when a point at infinity explains it worse by so many σ."""
@@ -85,7 +85,8 @@ def estimate(
     if not np.isfinite(start).any():
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]
-    solution = solve(cameras, tracks, evidence, start, config)
+    noise = plane_uncertainty(tracks, evidence, start, config)
+    solution = solve(cameras, tracks, evidence, start, _with_scales(config, noise))
 
     # Edges and right angles do not tell a plane's sides apart.
     local_planes = np.concatenate(
@@ -120,6 +121,16 @@ def estimate(
             Iteration(cost, local.planes_to_world(at)[0])
             for cost, at in zip(solution.costs, solution.history[1:], strict=True)
         ),
+    )
+
+
+def _with_scales(config: EstimationConfig, noise: Uncertainty) -> EstimationConfig:
+    """Tracks and edges as far from each other in weight as their residuals say."""
+    return replace(
+        config,
+        max_track_weight=config.max_track_weight / noise.surface_scale**2,
+        sigma_edge_shift_px=config.sigma_edge_shift_px * noise.edge_scale,
+        sigma_edge_tilt_px=config.sigma_edge_tilt_px * noise.edge_scale,
     )
 
 
