@@ -231,7 +231,7 @@ class EstimationConfig:
     """Prior on the normal, radians."""
     sigma_prior_point: float = 10.0
     """Prior on a landmark round its start."""
-    sigma_coplanarity_angle: float = 0.03
+    sigma_coplanarity_angle: float = 0.01
     """Angle between a door or window and its wall, radians."""
     sigma_recess: float = 0.03
     """How far a door or window sits back in its wall."""
