@@ -21,13 +21,13 @@ import adam
 import simulation
 from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_series
 from command_line import exit_status, new_app
-from gtlayout import graph
 from gtlayout.config import Config, TriangulationConfig
+from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.errors import GtlayoutError
+from gtlayout.estimation import optimise
 from gtlayout.evidence import Normalisation, gather
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
-from gtlayout.starts import best_start
 from gtlayout.triangulation import triangulate
 from metrics import Metric, write_tables
 from runner import scenes_by_folder
@@ -143,7 +143,7 @@ def time_solve(folder: Path, repeats: int) -> tuple[Solution, list[Metric]]:
 def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
     """Size of the problem, and shortest times of the two halves of stage 4: the starting planes, and the graph.
 
-    The graph is all of it: built, optimised and asked for its marginals.
+    The graph is all of it: scales of the noise, built, optimised, marginals.
     """
     scene, config = prepared.scene, Config()
     local = Normalisation.of(prepared.rays, scene.metric)
@@ -161,9 +161,9 @@ def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
             local,
             config.estimation,
         )
-        planes = best_start(evidence, config.estimation, config.seed)
+        evidence, planes = start_without_wrong_contacts(evidence, config.estimation, config.seed)
         between = time.perf_counter()
-        graph.solve(cameras, prepared.tracks, evidence, planes, config.estimation)
+        optimise(cameras, prepared.tracks, evidence, planes, config.estimation)
         graphs.append(time.perf_counter() - between)
         starts.append(between - begin)
     return [

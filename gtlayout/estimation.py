@@ -14,11 +14,11 @@ from gtlayout.config import EstimationConfig
 from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.evidence import Normalisation, Views, gather
-from gtlayout.graph import solve
+from gtlayout.evidence import Evidence, Normalisation, Views, gather
+from gtlayout.graph import Solution, solve
 from gtlayout.initialization import face_cameras
 from gtlayout.layout import Instance, Plane, Support
-from gtlayout.scene import FloatArray, IntArray, Scene
+from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 from gtlayout.support import supports
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
@@ -85,16 +85,9 @@ def estimate(
     if not np.isfinite(start).any():
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]
-    noise = plane_uncertainty(tracks, evidence, start, config)
-    solution = solve(cameras, tracks, evidence, start, _with_scales(config, noise))
-
-    # Edges and right angles do not tell a plane's sides apart.
-    local_planes = np.concatenate(
-        [face_cameras(plane[None], views) for plane, views in zip(solution.planes, evidence.views, strict=True)]
-    )
-    local_covariance = plane_uncertainty(tracks, evidence, local_planes, config).covariance
-    world_planes, jacobian = local.planes_to_world(local_planes)
-    local_blocks = local_covariance.reshape(len(instances), 4, len(instances), 4)
+    solution, uncertainty = optimise(cameras, tracks, evidence, start, config)
+    world_planes, jacobian = local.planes_to_world(solution.planes)
+    local_blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
     # Block by block, so that what is unknown of one plane stays with it.
     blocks = np.einsum("ab,sbtd,cd->satc", jacobian, local_blocks, jacobian)
     held = supports(scene, tracks, rays, instances, evidence, solution)
@@ -103,7 +96,7 @@ def estimate(
             world_planes[s],
             blocks[s, :, s],
             held[s],
-            _relative_depth_sigma(local_planes[s], local_blocks[s, :, s], evidence.views[s]),
+            _relative_depth_sigma(solution.planes[s], local_blocks[s, :, s], evidence.views[s]),
             config,
         )
         for s in range(len(instances))
@@ -124,14 +117,25 @@ def estimate(
     )
 
 
-def _with_scales(config: EstimationConfig, noise: Uncertainty) -> EstimationConfig:
-    """Tracks and edges as far from each other in weight as their residuals say."""
-    return replace(
+def optimise(
+    cameras: Sequence[Camera], tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
+) -> tuple[Solution, Uncertainty]:
+    """The planes from (S, 4) ``start`` on, and how far they may be off. Local world.
+
+    How much tracks weigh against edges follows from the scales of both, which the residuals at the start show.
+    """
+    noise = plane_uncertainty(tracks, evidence, start, config)
+    weighed = replace(
         config,
         max_track_weight=config.max_track_weight / noise.surface_scale**2,
         sigma_edge_shift_px=config.sigma_edge_shift_px * noise.edge_scale,
         sigma_edge_tilt_px=config.sigma_edge_tilt_px * noise.edge_scale,
     )
+    solution = solve(cameras, tracks, evidence, start, weighed)
+    # Edges and right angles do not tell a plane's sides apart.
+    facing = [face_cameras(plane[None], views) for plane, views in zip(solution.planes, evidence.views, strict=True)]
+    solution = replace(solution, planes=np.concatenate(facing))
+    return solution, plane_uncertainty(tracks, evidence, solution.planes, config)
 
 
 def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: Views) -> float:
