@@ -91,12 +91,12 @@ def estimate(
     local_planes = np.concatenate(
         [face_cameras(plane[None], views) for plane, views in zip(solution.planes, evidence.views, strict=True)]
     )
-    local_covariance = plane_uncertainty(tracks, evidence, local_planes, config).covariance
+    uncertainty = plane_uncertainty(tracks, evidence, local_planes, config)
     world_planes, jacobian = local.planes_to_world(local_planes)
-    local_blocks = local_covariance.reshape(len(instances), 4, len(instances), 4)
+    local_blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
     # Block by block, so that what is unknown of one plane stays with it.
     blocks = np.einsum("ab,sbtd,cd->satc", jacobian, local_blocks, jacobian)
-    held = supports(scene, tracks, rays, instances, evidence, solution)
+    held = supports(scene, tracks, rays, instances, evidence, solution, uncertainty.held_by)
     planes = tuple(
         _plane(
             world_planes[s],
