@@ -23,6 +23,8 @@ from gtlayout.triangulation import triangulate
 
 K = np.array([[400.0, 0, 322], [0, 405, 238], [0, 0, 1]])
 SIZE = (640, 480)
+EDGE_STEP_PX, MIN_EDGE_PX = 4.0, 20.0
+"""Distance of the points on an edge, and the shortest one that is drawn."""
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,14 @@ def orbit(frames: int = 21, sweep_m: float = 1.4) -> list[Camera]:
     return cameras
 
 
+def dolly(frames: int = 31, length_m: float = 0.6) -> list[Camera]:
+    """A slow move half forwards, half sideways towards the far corner of the box, hardly turning."""
+    along = np.linspace(-0.5, 0.5, frames)
+    centers = np.array([1.6, 0.9, 1.4]) + length_m * along[:, None] * np.array([0.7, 0.7, 0.1])
+    targets = np.array([2.6, 4.6, 1.15]) + along[:, None] * np.array([0.5, 0.0, 0.0])
+    return [look_at(center, target) for center, target in zip(centers, targets, strict=True)]
+
+
 def ring(frames: int, radius: float = 0.6) -> list[Camera]:
     """A full turn round the origin, looking across it."""
     angle = 2 * np.pi * np.arange(frames) / frames
@@ -198,6 +208,7 @@ def make_tracks(
     drifting: float = 0.0,
     without: Sequence[int] = (),
     reach: int = 40,
+    furnished: float = 0.0,
 ) -> Tracks:
     """Points on every element but those of the instances ``without``, followed until they leave the image.
 
@@ -205,10 +216,12 @@ def make_tracks(
         sigma_px: noise of each position outside the key frame, per axis.
         relief: σ of the surface round its plane, world unit.
         drifting: share of tracks that slide away, by 0.2 to 1 px a frame in one direction.
+        furnished: share of points on furniture that stands before each surface, its front parallel at 0.1 to 0.6 m.
     """
     scene = room.scene
     key_frames, elements, tracks, frames, points = [], [], [], [], []
     tried = []
+    fronts = rng.uniform(0.1, 0.6, len(room.instances)) if furnished > 0 else np.empty(0)
     count = 0
     for k, key_frame in enumerate(scene.key_frames):
         tried.append(np.zeros(len(key_frame.elements), dtype=np.int64))
@@ -224,6 +237,9 @@ def make_tracks(
             on_plane -= camera.center_world
             facing = np.abs(on_plane @ plane[:3])
             on_plane *= 1 + (relief * rng.normal(size=len(on_plane)) / facing)[:, None]
+            if furnished > 0:
+                before = np.where(rng.random(len(on_plane)) < furnished, fronts[instance], 0.0)
+                on_plane *= 1 - (np.minimum(before, 0.8 * facing) / facing)[:, None]
             world = camera.center_world + on_plane
             angle = rng.uniform(0, 2 * np.pi, len(world))
             rate = np.where(rng.random(len(world)) < drifting, rng.uniform(0.2, 1.0, len(world)), 0.0)
@@ -295,27 +311,41 @@ def true_instance(room: Room, tracks: Tracks) -> IntArray:
     return np.array([room.instance_of[k][e] for k, e in pairs], dtype=np.int64)
 
 
-def true_edges(room: Room, step_px: float = 4.0, min_length_px: float = 20.0) -> tuple[ContactEdge, ...]:
+def true_edges(room: Room) -> tuple[ContactEdge, ...]:
     """The images of the segments that two faces share, as stage 3 should find them; not derived from the polygons."""
-    edges = []
+    edges: list[ContactEdge] = []
     face_of = [next(f for f in room.faces if np.array_equal(f.plane, plane)) for plane in room.planes]
     for k in range(len(room.scene.key_frames)):
-        camera = room.scene.frame_of(k).camera
-        inner = shapely.box(3, 3, camera.width - 3, camera.height - 3)
         for a, b in combinations(sorted(set(room.instance_of[k].tolist())), 2):
             shared = [p for p in face_of[a].corners if (np.abs(face_of[b].corners - p).max(axis=1) < 1e-12).any()]
             if len(shared) != 2:
                 continue
-            # Densely sampled in 3D, so that the part behind the camera can simply be dropped.
-            world = shared[0] + np.linspace(0, 1, 2000)[:, None] * (shared[1] - shared[0])
-            pixels, depth = camera.project(world)
-            if np.count_nonzero(depth > 0.05) < 2:
-                continue
-            line = shapely.LineString(pixels[depth > 0.05][[0, -1]]).intersection(inner)
-            if line.length >= min_length_px:
-                at = np.arange(step_px / 2, line.length, step_px)
-                edges.append(ContactEdge(k, (a, b), shapely.get_coordinates(shapely.line_interpolate_point(line, at))))
+            edges += _drawn_edge(room, k, (a, b), shared[0], shared[1])
     return tuple(edges)
+
+
+def edges_along(room: Room, pair: tuple[int, int], start: FloatArray, end: FloatArray) -> tuple[ContactEdge, ...]:
+    """A segment in the world as contact edge of two instances, in each key frame that shows both."""
+    edges: list[ContactEdge] = []
+    for k, seen in enumerate(room.instance_of):
+        if np.isin(pair, seen).all():
+            edges += _drawn_edge(room, k, pair, start, end)
+    return tuple(edges)
+
+
+def _drawn_edge(room: Room, k: int, pair: tuple[int, int], start: FloatArray, end: FloatArray) -> list[ContactEdge]:
+    """What key frame ``k`` shows of a segment in the world; none when that is too short."""
+    camera = room.scene.frame_of(k).camera
+    # Densely sampled in 3D, so that the part behind the camera can simply be dropped.
+    pixels, depth = camera.project(start + np.linspace(0, 1, 2000)[:, None] * (end - start))
+    if np.count_nonzero(depth > 0.05) < 2:
+        return []
+    inner = shapely.box(3, 3, camera.width - 3, camera.height - 3)
+    line = shapely.LineString(pixels[depth > 0.05][[0, -1]]).intersection(inner)
+    if line.length < MIN_EDGE_PX:
+        return []
+    at = np.arange(EDGE_STEP_PX / 2, line.length, EDGE_STEP_PX)
+    return [ContactEdge(k, pair, shapely.get_coordinates(shapely.line_interpolate_point(line, at)))]
 
 
 def jitter(
@@ -330,6 +360,29 @@ def jitter(
         error = shift_px * rng.normal() + tilt_px * rng.normal() * position / position.std()
         drawn.append(replace(edge, points_px=edge.points_px + error[:, None] * across))
     return drawn
+
+
+def shifted(edge: ContactEdge, by_px: float) -> ContactEdge:
+    """An edge drawn so far beside its place, across itself."""
+    along = edge.points_px[-1] - edge.points_px[0]
+    across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    return replace(edge, points_px=edge.points_px + by_px * across)
+
+
+def spoil(
+    room: Room, edges: Sequence[ContactEdge], rng: np.random.Generator, share: float, by_px: float = 40.0
+) -> list[ContactEdge]:
+    """A share of the edges made wrong: drawn beside their place, or between surfaces of which one is another."""
+    spoilt = list(edges)
+    for number, e in enumerate(rng.permutation(len(edges))[: round(share * len(edges))]):
+        edge = edges[e]
+        others = np.setdiff1d(room.instance_of[edge.key_frame], edge.instances)
+        if number % 2 or len(others) == 0:
+            spoilt[e] = shifted(edge, by_px * rng.choice([-1, 1]))
+        else:
+            a, b = sorted((edge.instances[rng.integers(2)], int(rng.choice(others))))
+            spoilt[e] = replace(edge, instances=(a, b))
+    return spoilt
 
 
 def solve(
@@ -354,6 +407,21 @@ def errors(room: Room, planes: Sequence[Plane]) -> tuple[FloatArray, FloatArray]
         angles.append(np.rad2deg(np.arctan2(sine, plane.normal @ room.planes[i, :3])))
         offsets.append(plane.normal @ room.seen_center(i) + plane.d)
     return np.array(angles), np.array(offsets)
+
+
+def depth_errors(room: Room, planes: Sequence[Plane], step_px: int = 20) -> FloatArray:
+    """(R,) |depth - true depth| on a grid of rays over all that is drawn; the paper's ε is their mean."""
+    found = []
+    for k, key_frame in enumerate(room.scene.key_frames):
+        camera = room.scene.frame_of(k).camera
+        grid = np.mgrid[step_px // 2 : camera.width : step_px, step_px // 2 : camera.height : step_px]
+        pixels = grid.reshape(2, -1).T.astype(np.float64)
+        for element, i in zip(key_frame.elements, room.instance_of[k], strict=True):
+            inside = pixels[shapely.contains_xy(element.amodal, pixels[:, 0], pixels[:, 1])]
+            plane = np.append(planes[i].normal, planes[i].d)
+            off = _unproject(camera, inside, plane) - _unproject(camera, inside, room.planes[i])
+            found.append(np.abs(off @ camera.R_cam_from_world[2]))
+    return np.concatenate(found)
 
 
 def nees(room: Room, planes: Sequence[Plane]) -> FloatArray:

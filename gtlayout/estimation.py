@@ -90,7 +90,7 @@ def estimate(
     local_blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
     # Block by block, so that what is unknown of one plane stays with it.
     blocks = np.einsum("ab,sbtd,cd->satc", jacobian, local_blocks, jacobian)
-    held = supports(scene, tracks, rays, instances, evidence, solution)
+    held = supports(scene, tracks, rays, instances, evidence, solution, uncertainty.held_by)
     planes = tuple(
         _plane(
             world_planes[s],

@@ -8,7 +8,7 @@ import numpy as np
 
 from gtlayout.evidence import EdgeGroup, Evidence
 from gtlayout.graph import Solution
-from gtlayout.layout import Instance, Support
+from gtlayout.layout import HeldBy, Instance, Support
 from gtlayout.scene import BoolArray, FloatArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, parallax_deg
@@ -24,6 +24,7 @@ def supports(
     instances: Sequence[Instance],
     evidence: Evidence,
     solution: Solution,
+    held_by: Sequence[HeldBy],
 ) -> tuple[Support, ...]:
     """What places each instance's plane. ``rays`` in the world; ``evidence`` and ``solution`` local."""
     parallax = parallax_deg(scene, tracks, rays)
@@ -42,6 +43,7 @@ def supports(
                 outvoted=float(np.mean(given_up[own])) if own.any() and placed[s] else np.nan,
                 contact_edges=len(gaps),
                 edge_px=float(np.median(gaps)) if gaps else np.nan,
+                held_by=held_by[s],
             )
         )
     return tuple(found)

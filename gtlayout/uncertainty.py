@@ -19,8 +19,9 @@ import numpy as np
 from gtsam.symbol_shorthand import B, P, S
 
 from gtlayout.config import EstimationConfig, UncertaintyConfig
-from gtlayout.evidence import Evidence
+from gtlayout.evidence import Evidence, Views
 from gtlayout.factors import biased_depth_factor
+from gtlayout.layout import HeldBy
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.structure import edge_factors, joint_factors, plane_priors
 from gtlayout.tracking import Tracks
@@ -29,6 +30,12 @@ TRACK, SURFACE, EDGE, JOINT, PRIOR = range(5)
 """Families of errors: the first three have a scale that is estimated, the others σ as configured; priors are not
 measurements, so none of them can be wrong.
 """
+_KINDS: dict[HeldBy, int] = {"right angles": JOINT, "contact edges": EDGE, "tracks": TRACK}
+"""What may hold a plane, weakest first."""
+_KNOWN = 0.5
+"""A plane whose σ is more than this share of what priors alone leave is unknown."""
+_CLEARLY = 2.0
+"""A weaker kind holds a plane when its loss would hurt so many times as much as that of the next stronger one."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +48,8 @@ class Uncertainty:
     """Estimated errors of depth that points of a surface share, in units of what was expected."""
     edge_scale: float
     """Estimated errors of annotated edges, in units of what was expected."""
+    held_by: tuple[HeldBy, ...]
+    """What each plane rests on; empty for those without a plane."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +98,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     """Covariance of all planes at the solution ``planes`` (S, 4), with errors as large as the residuals show."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = _linearise(tracks, evidence, planes, placed, config)
-    covariance, scale = _scales(linear, config.uncertainty)
+    covariance, scale, row_weight = _scales(linear, config.uncertainty)
     tangents = config.uncertainty.unseen**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
@@ -98,7 +107,14 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     of_planes = to_coefficients @ tangents @ to_coefficients.T
     absent = np.repeat(~np.isin(np.arange(len(planes)), placed), 4)
     of_planes[absent] = of_planes[:, absent] = np.nan
-    return Uncertainty(of_planes, float(scale[SURFACE]), float(scale[EDGE]))
+    held: list[HeldBy] = [""] * len(planes)
+    by_offset = np.array([_by_offset(planes[s], evidence.views[s]) for s in placed])
+    for s, kind in zip(placed, _held_by(linear, row_weight, by_offset), strict=True):
+        held[s] = kind
+    # What joins a door or window to others is its wall, not an angle.
+    of_wall = (evidence.host >= 0) & np.array([kind == "right angles" for kind in held])
+    held = [held[evidence.host[s]] if of_wall[s] else held[s] for s in range(len(held))]
+    return Uncertainty(of_planes, float(scale[SURFACE]), float(scale[EDGE]), tuple(held))
 
 
 def _linearise(
@@ -175,8 +191,55 @@ def _across(points: FloatArray, plane: FloatArray) -> FloatArray:
     return uv / max(float(np.sqrt(np.mean(np.sum(uv**2, axis=1)))), 1e-9)
 
 
-def _scales(linear: _Linear, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray]:
-    """(N, N) covariance at the estimated scales, and (5,) these scales by family.
+def _by_offset(plane: FloatArray, views: Views) -> FloatArray:
+    """(3,) derivative, by the tangent, of a plane's offset amid what is drawn of it."""
+    points, _ = views.seen_on(plane)
+    middle = np.median(points, axis=0) if len(points) else -plane[3] * plane[:3]
+    return np.append(middle @ gtsam.OrientedPlane3(plane).normal().basis(), 1.0)
+
+
+def _held_by(linear: _Linear, row_weight: FloatArray, by_offset: FloatArray) -> list[HeldBy]:
+    """Of each of P planes the weakest kind of evidence without which it is unknown, else what it would miss most.
+
+    Args:
+        row_weight: (R,) weights of the rows.
+        by_offset: (P, 3) derivative of each plane's offset by its tangent.
+    """
+    width = by_offset.size
+    family = np.repeat(linear.family, np.diff(np.append(linear.first, len(linear.target))))
+    rows = np.sqrt(row_weight)[:, None] * linear.jacobian
+    tracked = np.isin(family, [TRACK, SURFACE])
+    information = rows[tracked].T @ rows[tracked]
+    by_bias = information[:width, width:]
+    # Without its biases, what tracks say is of one plane each: blocks on the diagonal.
+    tracks = information[:width, :width] - by_bias @ np.linalg.solve(information[width:, width:], by_bias.T)
+    others, other_family = rows[~tracked, :width], family[~tracked]
+
+    def sigmas(i: int, *dropped: int) -> FloatArray:
+        """(2,) of the normal, radians, and of the offset, without these families' measurements of plane ``i``."""
+        own = slice(3 * i, 3 * i + 3)
+        kept = others[~(np.isin(other_family, dropped) & others[:, own].any(axis=1))]
+        of_tracks = tracks.copy()
+        if TRACK in dropped:
+            of_tracks[own] = 0.0
+        covariance = np.linalg.inv(of_tracks + kept.T @ kept)[own, own]
+        offset = by_offset[i] @ covariance @ by_offset[i]
+        return np.sqrt(np.array([np.linalg.eigvalsh(covariance[:2, :2])[-1], offset]))
+
+    held: list[HeldBy] = []
+    for i in range(len(by_offset)):
+        unknown = _KNOWN * sigmas(i, *_KINDS.values())
+        best = sigmas(i)
+        without = {kind: sigmas(i, dropped) for kind, dropped in _KINDS.items()}
+        needed = [kind for kind in _KINDS if (without[kind] > unknown).any()]
+        hurts = [float((without[kind] / best).max()) * _CLEARLY**rank for rank, kind in enumerate(_KINDS)]
+        missed = list(_KINDS)[int(np.argmax(hurts))]
+        held.append("priors" if (best > unknown).any() else [*needed, missed][0])
+    return held
+
+
+def _scales(linear: _Linear, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(N, N) covariance at the estimated scales, (5,) these scales by family, and the (R,) weights it was made with.
 
     Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales.
     """
@@ -201,4 +264,4 @@ def _scales(linear: _Linear, config: UncertaintyConfig) -> tuple[FloatArray, Flo
             own = linear.family == family
             measured = np.sum(weight[own] * expected[own]) + config.prior_measurements
             scale[family] = np.sqrt(measured / (np.sum(size[own]) + config.prior_measurements))
-    return covariance, scale
+    return covariance, scale, row_weight

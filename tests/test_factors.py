@@ -8,9 +8,10 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gtsam.symbol_shorthand import L, P
+from gtsam.symbol_shorthand import B, L, P
 
 from gtlayout.factors import (
+    biased_depth_factor,
     coplanarity_factor,
     depth_factor,
     edge_factor,
@@ -50,6 +51,13 @@ def make_depth(rng: Rng) -> gtsam.NoiseModelFactor:
     return depth_factor(P(0), rng.uniform(-0.3, 0.3, (5, 3)), rays, rng.uniform(0.2, 1, 5), noise)
 
 
+def make_biased_depth(rng: Rng) -> gtsam.NoiseModelFactor:
+    rays = np.column_stack([rng.uniform(-0.5, 0.5, (5, 2)), np.ones(5)])
+    noise = gtsam.noiseModel.Diagonal.Sigmas(rng.uniform(0.01, 0.1, 5))
+    centers, rho, bias_by = rng.uniform(-0.3, 0.3, (5, 3)), rng.uniform(0.2, 1, 5), rng.normal(size=(5, 3))
+    return biased_depth_factor((P(0), B(0)), centers, rays, rho, bias_by, noise)
+
+
 def make_prior(rng: Rng) -> gtsam.NoiseModelFactor:
     normal = rng.normal(size=3)
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([1.0, 1.0, 100.0]))
@@ -57,7 +65,8 @@ def make_prior(rng: Rng) -> gtsam.NoiseModelFactor:
 
 
 @pytest.mark.parametrize(
-    "make", [make_track, make_edge, make_perpendicularity, make_coplanarity, make_depth, make_prior]
+    "make",
+    [make_track, make_edge, make_perpendicularity, make_coplanarity, make_depth, make_biased_depth, make_prior],
 )
 @pytest.mark.parametrize("seed", range(5))
 def test_jacobians_match_numeric_ones(make: Callable[[Rng], gtsam.NoiseModelFactor], seed: int) -> None:
@@ -142,6 +151,18 @@ def test_depth_is_zero_on_the_plane_and_an_inverse_length_off_it() -> None:
     centers, rays = np.array([[0, 0, 0], [1, 2, 2.0]]), np.array([[0.3, -0.2, 1], [-0.1, 0.4, 1.0]])
     factor = depth_factor(P(0), centers, rays, np.array([1 / 4, 1 / 1.6]), gtsam.noiseModel.Unit.Create(2))
     np.testing.assert_allclose(factor.whitenedError(values), [0, 1 / 1.6 - 1 / 2], atol=1e-12)
+
+
+def test_points_that_are_off_together_lie_on_the_plane_once_their_bias_is_known() -> None:
+    values = gtsam.Values()
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, -1.0, 4.0])))
+    values.insertPoint3(B(0), np.array([0.02, 0.0, -0.01]))
+    rays = np.column_stack([np.zeros((2, 2)), np.ones(2)])
+    bias_by = np.array([[1.0, 0.3, 0.0], [1.0, 0.0, 2.0]]) / 4
+    factor = biased_depth_factor(
+        (P(0), B(0)), np.zeros((2, 3)), rays, np.array([1.02 / 4, 1.0 / 4]), bias_by, gtsam.noiseModel.Unit.Create(2)
+    )
+    np.testing.assert_allclose(factor.whitenedError(values), 0, atol=1e-12)
 
 
 def test_marginal_of_a_plane_fitted_to_known_points_is_least_squares() -> None:

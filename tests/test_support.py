@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+
 from simulation import chosen, make_room, make_tracks, orbit, solve, true_edges, true_instance
 
 KEY_FRAMES = [2, 10, 18]

@@ -1,0 +1,117 @@
+"""Contacts that are none: a partition that hides the far wall, drawn as if it touched that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.contacts import start_without_wrong_contacts
+from gtlayout.edges import ContactEdge
+from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.scene import FloatArray
+from gtlayout.triangulation import triangulate
+from simulation import (
+    Face,
+    Room,
+    box_faces,
+    edges_along,
+    jitter,
+    make_room,
+    make_tracks,
+    orbit,
+    shifted,
+    true_edges,
+    true_instance,
+)
+
+CONFIG = EstimationConfig()
+BOTTOM_LEFT, TOP_LEFT, TOP_RIGHT, BOTTOM_RIGHT = np.array(
+    [[1.9, 3.6, 0.0], [1.9, 3.6, 2.5], [3.1, 3.6, 2.5], [3.1, 3.6, 0.0]]
+)
+"""A partition from floor to ceiling, 1.4 m before the far wall."""
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    partition = Face("wall", np.array([BOTTOM_LEFT, TOP_LEFT, TOP_RIGHT, BOTTOM_RIGHT]))
+    return make_room(orbit(), [2, 6, 10, 14, 18], [*box_faces(), partition])
+
+
+def named(room: Room, *names: str) -> tuple[int, ...]:
+    """Indices of instances; walls by the number of their face."""
+    return tuple([instance.name for instance in room.instances].index(name) for name in names)
+
+
+def right_edges(room: Room) -> list[ContactEdge]:
+    partition, floor, ceiling = named(room, "wall_6", "floor_0", "ceiling_1")
+    return [
+        *true_edges(room),
+        *edges_along(room, (partition, floor), BOTTOM_LEFT, BOTTOM_RIGHT),
+        *edges_along(room, (partition, ceiling), TOP_LEFT, TOP_RIGHT),
+    ]
+
+
+def sides(room: Room, left: str, right: str) -> list[ContactEdge]:
+    """The partition's sides, drawn as touching these walls."""
+    partition, one, other = named(room, "wall_6", left, right)
+    return [
+        *edges_along(room, (partition, one), BOTTOM_LEFT, TOP_LEFT),
+        *edges_along(room, (partition, other), BOTTOM_RIGHT, TOP_RIGHT),
+    ]
+
+
+def start(
+    room: Room, edges: Sequence[ContactEdge], seed: int, without: Sequence[int] = ()
+) -> tuple[Evidence, Evidence, FloatArray]:
+    """All evidence, what was kept of it, and (S,) how far the starting planes are off where they are seen, metres."""
+    rng = np.random.default_rng(seed)
+    tracks = make_tracks(room, rng, drifting=0.1, without=without)
+    drawn = jitter(edges, rng, CONFIG.sigma_edge_shift_px, CONFIG.sigma_edge_tilt_px)
+    rays = triangulate(room.scene, tracks, TriangulationConfig())
+    local = Normalisation.of(rays, metric=True)
+    owner = true_instance(room, tracks)
+    evidence = gather(room.scene, tracks, local.rays(rays), owner, room.instances, drawn, local, CONFIG)
+    kept, planes_local = start_without_wrong_contacts(evidence, CONFIG, seed)
+    planes, _ = local.planes_to_world(planes_local)
+    centers = np.array([room.seen_center(i) for i in range(len(planes))])
+    return evidence, kept, np.abs(np.sum(planes[:, :3] * centers, axis=1) + planes[:, 3])
+
+
+def pairs(evidence: Evidence) -> set[tuple[int, ...]]:
+    return {tuple(sorted(group.surfaces)) for group in evidence.edges}
+
+
+def test_right_contacts_are_all_kept(room: Room) -> None:
+    evidence, kept, off = start(room, right_edges(room), 1)
+    assert kept.edges == evidence.edges
+    assert off.max() < 0.03
+
+
+@pytest.mark.parametrize("blank", [("wall_6",), ("wall_5",)])
+def test_a_partition_does_not_touch_what_it_hides(room: Room, blank: tuple[str, ...]) -> None:
+    """One of the two has no tracks, so that only its other contacts contradict."""
+    edges = right_edges(room) + sides(room, "wall_5", "wall_5")
+    evidence, kept, off = start(room, edges, 0, without=named(room, *blank))
+    partition, far = named(room, "wall_6", "wall_5")
+    assert pairs(evidence) - pairs(kept) == {(partition, far)}
+    assert off.max() < 0.05
+
+
+def test_two_wrong_pairs_hide_neither_each_other_nor_right_ones(room: Room) -> None:
+    evidence, kept, off = start(room, right_edges(room) + sides(room, "wall_5", "wall_3"), 0)
+    partition, far, right = named(room, "wall_6", "wall_5", "wall_3")
+    wrong = {tuple(sorted((partition, wall))) for wall in (far, right)}
+    assert pairs(evidence) - pairs(kept) == wrong
+    assert off.max() < 0.05
+
+
+def test_one_slip_of_the_hand_does_not_part_two_surfaces(room: Room) -> None:
+    """An edge 40 px off in one key frame of five is for the robust kernels."""
+    edges = right_edges(room)
+    edges[0] = shifted(edges[0], 40.0)
+    evidence, kept, off = start(room, edges, 0)
+    assert pairs(kept) == pairs(evidence)
+    assert off.max() < 0.05
