@@ -200,7 +200,9 @@ class EstimationConfig:
     independent_observations: float = 3.0
     """A track counts as so many independent observations at most."""
     track_cauchy: float = 1.0
-    """Robust scale of a whole track, in σ."""
+    """Robust scale of a whole track, in σ, or in the standard deviation of its surface's residuals if that is less."""
+    least_spread: float = 0.3
+    """… but in no less than this share of σ."""
     full_acceptance: float = 0.4
     """Share of sampled points that survive tracking from which on a surface is trusted fully; glossy ones keep 0.02."""
     full_tracks: float = 20.0
@@ -221,6 +223,8 @@ class EstimationConfig:
     """Two surfaces whose contact edge is further than this from where their planes meet do not touch."""
     sigma_perpendicularity: float = 0.02
     """Deviation from a right angle, radians."""
+    right_angle_cauchy: float = 1.5
+    """Robust scale of right angles between walls, in σ: unlike that of walls and floors it is no rule."""
     right_angle_reach: float = 0.25
     """sin of the deviation up to which two walls are taken to be meant at a right angle."""
     sigma_start_depths: float = 0.5

@@ -82,7 +82,7 @@ def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationCon
     for s in np.nonzero(np.isfinite(planes[:, 0]))[0]:
         index = np.nonzero(evidence.track_surface == s)[0]
         residual = evidence.track_residuals(index, planes[s][None])[0]
-        robust[index] = 1.0 / (1.0 + (residual / config.track_cauchy) ** 2)
+        robust[index] = 1.0 / (1.0 + (residual / (config.track_cauchy * _spread(residual, config))) ** 2)
         weight[index] = robust[index] * evidence.track_weight[index]
         # Tracks of a surface in one key frame share the errors of cameras and surface: past some number more of them
         # tell nothing new.
@@ -90,6 +90,16 @@ def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationCon
         together = np.bincount(key_frame, weight[index])[key_frame]
         weight[index] *= np.minimum(1.0, config.max_track_weight / np.maximum(together, 1e-9))
     return robust, weight
+
+
+def _spread(residual: FloatArray, config: EstimationConfig) -> float:
+    """Standard deviation of a surface's residuals, in σ, as their median has it: never more than expected.
+
+    Where tracks agree to a part of σ, what lies a σ off is something else: furniture before its wall.
+    """
+    if len(residual) < config.full_tracks:
+        return 1.0
+    return float(np.clip(1.4826 * np.median(np.abs(residual)), config.least_spread, 1.0))
 
 
 def spread_observations(tracks: Tracks, most: int) -> BoolArray:

@@ -43,9 +43,11 @@ def joint_factors(evidence: Evidence, planes: FloatArray, config: EstimationConf
         points, _ = evidence.views[a].seen_on(planes[host])
         if len(points):
             factors.append(coplanarity_factor((P(a), P(host)), np.median(points, axis=0), in_wall))
-    right_angle = gtsam.noiseModel.Isotropic.Sigma(1, config.sigma_perpendicularity)
+    sigma = np.array([config.sigma_perpendicularity])
+    upright, between_walls = _cauchy(sigma, np.inf), _cauchy(sigma, config.right_angle_cauchy)
     for a, b in _right_angles(evidence, planes, config).tolist():
-        factors.append(perpendicularity_factor((P(a), P(b)), right_angle))
+        both_walls = evidence.wall[a] and evidence.wall[b]
+        factors.append(perpendicularity_factor((P(a), P(b)), between_walls if both_walls else upright))
     return factors
 
 

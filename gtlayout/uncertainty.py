@@ -128,7 +128,7 @@ def _linearise(
     for s in placed.tolist():
         _add_tracks(system, tracks, evidence, s, planes[s], config)
     # Robust weights are for the scales to decide.
-    quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf)
+    quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf, right_angle_cauchy=np.inf)
     system.add(edge_factors(evidence, planes, quadratic), EDGE)
     system.add(joint_factors(evidence, planes, quadratic), JOINT)
     system.add(plane_priors(evidence, planes, config.sigma_prior_depths, config), PRIOR)
