@@ -5,11 +5,8 @@ from __future__ import annotations
 from gtlayout.config import QualityConfig
 from gtlayout.layout import HeldBy, Instance, Plane
 
-_HELD_BY: dict[HeldBy, str] = {
-    "priors": "nothing but weak priors holds it",
-    "right angles": "only right angles hold it",
-    "contact edges": "only contact edges hold it",
-}
+_WEAKER: tuple[HeldBy, ...] = ("right angles", "contact edges")
+"""Evidence less direct than tracks."""
 
 
 def causes(instance: Instance, plane: Plane, config: QualityConfig) -> tuple[str, ...]:
@@ -19,7 +16,11 @@ def causes(instance: Instance, plane: Plane, config: QualityConfig) -> tuple[str
     lack, then edges. A door or window needs no contact edge: it has its wall.
     """
     support = plane.support
-    found = [_HELD_BY[support.held_by]] if support.held_by in _HELD_BY else []
+    found = []
+    if support.held_by == "priors":
+        found.append("nothing but weak priors holds it")
+    elif support.held_by in _WEAKER:
+        found.append(f"{'mostly' if support.tracks else 'only'} {support.held_by} hold it")
     if support.contact_edges and (
         support.outvoted > config.disagreeing_share or support.edge_px > config.disagreeing_edge_px
     ):

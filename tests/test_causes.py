@@ -31,8 +31,8 @@ def test_nothing_is_said_of_sound_support() -> None:
     ("support", "said"),
     [
         (replace(SOUND, held_by="priors"), "nothing but weak priors holds it"),
-        (replace(SOUND, held_by="right angles"), "only right angles hold it"),
-        (replace(SOUND, held_by="contact edges"), "only contact edges hold it"),
+        (replace(SOUND, held_by="right angles"), "mostly right angles hold it"),
+        (replace(SOUND, held_by="contact edges"), "mostly contact edges hold it"),
         (replace(SOUND, outvoted=0.6), "its tracks and contact edges disagree"),
         (replace(SOUND, edge_px=5.1), "its tracks and contact edges disagree"),
         (replace(SOUND, parallax_deg=1.36), "seen under 1.4° of parallax"),
@@ -53,7 +53,7 @@ def test_nothing_at_all() -> None:
 
 def test_the_most_important_comes_first() -> None:
     assert _causes(Support(4, 0.05, 0.5, 0.75, 2, 9.0, "right angles")) == (
-        "only right angles hold it",
+        "mostly right angles hold it",
         "its tracks and contact edges disagree",
         "seen under 0.5° of parallax",
         "held by 4 tracks",

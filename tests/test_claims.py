@@ -30,7 +30,7 @@ from simulation import (
 )
 
 TRACKS = 600
-SEEDS = range(2)
+SEEDS = range(6)
 ROOMS = {
     # As many observations a track as the prototype had: 7 and 14.
     "orbit": (orbit(9), [0, 2, 4, 6, 8]),
@@ -68,24 +68,26 @@ def offset_sigmas(room: Room, planes: Sequence[Plane]) -> FloatArray:
 
 
 def test_as_good_as_the_prototype(room: Room, clean: list[Estimate], kind: str) -> None:
-    """Mean error of the normals and ε; measured over 6 rooms: orbit 0.12°, 2.2 mm; dolly 0.36°, 8.8 mm."""
+    """Mean error of the normals and ε; measured: orbit 0.10°, 1.8 mm; dolly 0.35°, 8.9 mm."""
     most_deg, most_m = {"orbit": (0.18, 0.0033), "dolly": (0.4, 0.012)}[kind]
     assert np.mean([errors(room, solved.planes)[0].mean() for solved in clean]) < most_deg
     assert np.mean([depth_errors(room, solved.planes).mean() for solved in clean]) < most_m
 
 
-def test_furniture_and_wrong_edges_leave_planes_where_they_are(room: Room, kind: str) -> None:
+def test_furniture_and_wrong_edges_at_most_double_the_error(room: Room, clean: list[Estimate]) -> None:
     """Three points in ten stand before their surface, on one front 0.1 to 0.6 m from it, and one edge in five is wrong.
 
-    Not free of charge: medians over 6 rooms 1.5 → 5 mm (orbit) and 8 → 13 mm (dolly). A front 0.1 m before a wall is
-    hardly more than the error that depths are allowed.
+    Medians over 6 rooms 1.3 → 2.3 mm (orbit) and 8.3 → 11.7 mm (dolly).
     """
-    most_m = {"orbit": 0.008, "dolly": 0.02}[kind]
-    tracks, edges = evidence(room, 1, furnished=0.3)
-    edges = spoil(room, edges, np.random.default_rng(1), 0.2)
-    planes = solve(room, tracks, edges).planes
-    assert np.median(depth_errors(room, planes)) < most_m
-    assert (np.abs(errors(room, planes)[1]) < 3 * offset_sigmas(room, planes)).all()
+    spoilt = []
+    for seed in SEEDS:
+        tracks, edges = evidence(room, seed, furnished=0.3)
+        edges = spoil(room, edges, np.random.default_rng(seed), 0.2)
+        planes = solve(room, tracks, edges).planes
+        spoilt.append(np.median(depth_errors(room, planes)))
+        assert (np.abs(errors(room, planes)[1]) < 3 * offset_sigmas(room, planes)).all()
+    usual = [np.median(depth_errors(room, solved.planes)) for solved in clean]
+    assert np.median(spoilt) < 2 * np.median(usual)
 
 
 def test_a_blank_wall_is_placed_by_its_edges_alone(room: Room) -> None:
