@@ -231,16 +231,7 @@ def _trust(
     Points on mirror-like surfaces triangulate well, and wrong: but few of them survive. So a surface is trusted by the
     share of its points that did.
     """
-    survived = [
-        np.bincount(tracks.element[tracks.key_frame == k], minlength=len(tried)) for k, tried in enumerate(tracks.tried)
-    ]
-    tried, kept = np.zeros(len(instances)), np.zeros(len(instances))
-    for i, instance in enumerate(instances):
-        # As in ``prefer_visible``: elements without visible parts only where there are no others.
-        seen = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
-        for k, e in seen or instance.members:
-            tried[i] += tracks.tried[k][e]
-            kept[i] += survived[k][e]
+    kept, tried = np.array([followed(scene, tracks, instance) for instance in instances]).T
     acceptance = np.minimum(kept / np.maximum(tried, 1) / config.full_acceptance, 1.0)
     plenty = np.minimum(kept / config.full_tracks, 1.0)
     observations = np.bincount(tracks.track, minlength=len(tracks))
@@ -248,6 +239,17 @@ def _trust(
     length = np.minimum(1.0, config.independent_observations / np.minimum(observations, config.max_observations))
     weight: FloatArray = length * np.where(track_surface >= 0, (acceptance * plenty)[track_surface], 0.0)
     return weight
+
+
+def followed(scene: Scene, tracks: Tracks, instance: Instance) -> tuple[int, int]:
+    """How many of the points sampled on an instance could be followed, and how many there were.
+
+    As in ``prefer_visible``: those on elements without visible parts only where there are no others.
+    """
+    visible = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
+    members = visible or instance.members
+    kept = sum(int(np.count_nonzero((tracks.key_frame == k) & (tracks.element == e))) for k, e in members)
+    return kept, sum(int(tracks.tried[k][e]) for k, e in members)
 
 
 def _edge_groups(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.evidence import EdgeGroup, Evidence
+from gtlayout.evidence import EdgeGroup, Evidence, followed
 from gtlayout.graph import Solution
 from gtlayout.layout import HeldBy, Instance, Support
 from gtlayout.scene import BoolArray, FloatArray, Scene
@@ -34,11 +34,12 @@ def supports(
     found = []
     for s, instance in enumerate(instances):
         own: BoolArray = evidence.track_surface == s
+        kept, tried = followed(scene, tracks, instance)
         gaps = [gap for group, gap in edges if s in group.surfaces]
         found.append(
             Support(
                 tracks=int(np.count_nonzero(own)),
-                survived=_survived(scene, tracks, instance),
+                survived=kept / tried if tried else np.nan,
                 parallax_deg=float(np.median(parallax[own])) if own.any() else np.nan,
                 outvoted=float(np.mean(given_up[own])) if own.any() and placed[s] else np.nan,
                 contact_edges=len(gaps),
@@ -47,17 +48,6 @@ def supports(
             )
         )
     return tuple(found)
-
-
-def _survived(scene: Scene, tracks: Tracks, instance: Instance) -> float:
-    """Share of the points sampled on an instance that could be followed; those on amodal polygons only where it has no
-    visible part.
-    """
-    visible = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
-    members = visible or instance.members
-    tried = sum(int(tracks.tried[k][e]) for k, e in members)
-    kept = sum(int(np.count_nonzero((tracks.key_frame == k) & (tracks.element == e))) for k, e in members)
-    return kept / tried if tried else np.nan
 
 
 def _distance_px(group: EdgeGroup, planes: FloatArray) -> float:
