@@ -147,9 +147,9 @@ def test_verdicts_say_why() -> None:
     def known_to(normal_deg: float, depth: float) -> Plane:
         return replace(surface.plane, covariance=np.diag([np.deg2rad(normal_deg) ** 2, 0, 0, depth**2]))
 
-    assert judged(known_to(2.9, 0.49)) == ("ok", "")
+    assert judged(known_to(2.9, 0.29)) == ("ok", "")
     assert judged(known_to(3.1, 0.0)) == ("weak", "normal uncertain by more than 3°")
-    assert judged(known_to(0.0, 0.51)) == ("weak", "depth uncertain by more than 5 %")
+    assert judged(known_to(0.0, 0.31)) == ("weak", "depth uncertain by more than 3 %")
     assert judged(replace(surface.plane, note="few tracks")) == ("weak", "few tracks")
     half = rooms.redraw(scene, 0, 0, rooms.pixels(20, 10, 50, 70))
     assert judged(known_to(3.1, 0.0), half) == ("weak", "IoU below 0.8; normal uncertain by more than 3°")
