@@ -79,7 +79,7 @@ class CameraRefinementConfig:
     """Observations of a track that enter the graph, spread evenly over it."""
     max_iterations: int = 30
     """Levenberg-Marquardt iterations."""
-    relative_decrease: float = 1e-3
+    relative_decrease: float = 2e-3
     """The solve ends when an iteration lowers the cost by less than this share."""
     held_out_share: float = 0.25
     """Share of the tracks that the first refinement does not see and is judged by."""
@@ -247,7 +247,7 @@ class EstimationConfig:
     """Re-weightings of whole tracks at the scales themselves."""
     max_iterations: int = 15
     """Levenberg-Marquardt iterations a round."""
-    relative_decrease: float = 1e-3
+    relative_decrease: float = 2e-3
     """A round ends when an iteration lowers the cost by less than this share."""
     settled: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""

@@ -22,7 +22,7 @@ from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 from gtlayout.support import supports
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, camera_path
-from gtlayout.uncertainty import Uncertainty, plane_uncertainty
+from gtlayout.uncertainty import Uncertainty, error_scales, plane_uncertainty
 
 MOVED_SIGMAS = 3.0
 """A track shows parallax when a point at infinity explains it worse by so many σ."""
@@ -124,12 +124,12 @@ def optimise(
 
     How much tracks weigh against edges follows from the scales of both, which the residuals at the start show.
     """
-    noise = plane_uncertainty(tracks, evidence, start, config)
+    scales = error_scales(tracks, evidence, start, config)
     weighed = replace(
         config,
-        max_track_weight=config.max_track_weight / noise.surface_scale**2,
-        sigma_edge_shift_px=config.sigma_edge_shift_px * noise.edge_scale,
-        sigma_edge_tilt_px=config.sigma_edge_tilt_px * noise.edge_scale,
+        max_track_weight=config.max_track_weight / scales.surface**2,
+        sigma_edge_shift_px=config.sigma_edge_shift_px * scales.edge,
+        sigma_edge_tilt_px=config.sigma_edge_tilt_px * scales.edge,
     )
     solution = solve(cameras, tracks, evidence, start, weighed)
     # Edges and right angles do not tell a plane's sides apart.

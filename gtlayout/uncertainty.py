@@ -1,4 +1,4 @@
-"""Stage 4, after the solve: how far each plane may be off, with the scale of all errors taken from their residuals.
+"""Stage 4, around the solve: how far each plane may be off, with the scale of all errors taken from their residuals.
 
 Points of one surface seen from one key frame are off together: by errors of cameras, by drift of tracks, by relief. No
 number of them averages that out. So every key frame is given its own copy of a surface, a relative error of depth that
@@ -44,12 +44,18 @@ class Uncertainty:
 
     covariance: FloatArray
     """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
-    surface_scale: float
-    """Estimated errors of depth that points of a surface share, in units of what was expected."""
-    edge_scale: float
-    """Estimated errors of annotated edges, in units of what was expected."""
     held_by: tuple[HeldBy, ...]
     """What each plane rests on; empty for those without a plane."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """How large errors are, in units of what was expected."""
+
+    surface: float
+    """Errors of depth that points of a surface share."""
+    edge: float
+    """Errors of annotated edges."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +100,18 @@ class _System:
         return _Linear(jacobian, target, np.array(self.family), first)
 
 
+def error_scales(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Scales:
+    """How large the residuals at (S, 4) ``planes`` say errors are."""
+    placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
+    _, scale, _ = _scales(_linearise(tracks, evidence, planes, placed, config), config.uncertainty)
+    return Scales(float(scale[SURFACE]), float(scale[EDGE]))
+
+
 def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Uncertainty:
     """Covariance of all planes at the solution ``planes`` (S, 4), with errors as large as the residuals show."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = _linearise(tracks, evidence, planes, placed, config)
-    covariance, scale, row_weight = _scales(linear, config.uncertainty)
+    covariance, _, row_weight = _scales(linear, config.uncertainty)
     tangents = config.uncertainty.unseen**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
@@ -114,7 +127,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     # What joins a door or window to others is its wall, not an angle.
     of_wall = (evidence.host >= 0) & np.array([kind == "right angles" for kind in held])
     held = [held[evidence.host[s]] if of_wall[s] else held[s] for s in range(len(held))]
-    return Uncertainty(of_planes, float(scale[SURFACE]), float(scale[EDGE]), tuple(held))
+    return Uncertainty(of_planes, tuple(held))
 
 
 def _linearise(
@@ -249,8 +262,8 @@ def _scales(linear: _Linear, config: UncertaintyConfig) -> tuple[FloatArray, Flo
     covariance: FloatArray = np.eye(linear.jacobian.shape[1])
     for _ in range(config.rounds):
         row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
-        information = linear.jacobian.T @ (row_weight[:, None] * linear.jacobian)
-        covariance = np.asarray(np.linalg.inv(information))
+        weighted = np.sqrt(row_weight)[:, None] * linear.jacobian
+        covariance = np.asarray(np.linalg.inv(weighted.T @ weighted))
         step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
         residual = linear.jacobian @ step - linear.target
         # Residuals are smaller than errors by what the unknowns could absorb.

@@ -23,7 +23,7 @@ from gtlayout.scene import FloatArray
 from gtlayout.starts import polish
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
-from gtlayout.uncertainty import plane_uncertainty
+from gtlayout.uncertainty import error_scales, plane_uncertainty
 from simulation import Room, box_faces, jitter, make_room, make_tracks, orbit, true_edges, true_instance
 
 RELATIVE_SIGMA = 0.003
@@ -115,21 +115,19 @@ def sigmas(truth: Truth, evidence: Evidence, config: EstimationConfig | None = N
 @pytest.mark.parametrize("scale", [1 / 3, 1.0, 3.0])
 def test_scales_of_errors_are_found(truth: Truth, scale: float) -> None:
     """Both at once, and neither is taken for the other."""
-    found = [
-        plane_uncertainty(truth.tracks, drawn(truth, seed, scale, 1 / scale), truth.planes, PLAIN) for seed in range(3)
-    ]
-    assert np.mean([one.surface_scale for one in found]) == pytest.approx(scale, rel=0.3)
-    assert np.mean([one.edge_scale for one in found]) == pytest.approx(1 / scale, rel=0.3)
+    found = [error_scales(truth.tracks, drawn(truth, seed, scale, 1 / scale), truth.planes, PLAIN) for seed in range(3)]
+    assert np.mean([one.surface for one in found]) == pytest.approx(scale, rel=0.3)
+    assert np.mean([one.edge for one in found]) == pytest.approx(1 / scale, rel=0.3)
 
 
 def test_what_is_expected_pulls_scales_but_does_not_hold_them(truth: Truth) -> None:
     small, usual, large = (
-        plane_uncertainty(truth.tracks, drawn(truth, 0, scale, scale), truth.planes, EstimationConfig())
+        error_scales(truth.tracks, drawn(truth, 0, scale, scale), truth.planes, EstimationConfig())
         for scale in (1 / 3, 1.0, 3.0)
     )
     for found, low, high in ((small, 1 / 3, 0.7), (usual, 0.7, 1.3), (large, 2.0, 3.0)):
-        assert low < found.surface_scale < high
-        assert low < found.edge_scale < high
+        assert low < found.surface < high
+        assert low < found.edge < high
 
 
 def test_ellipsoids_hold_what_they_should(truth: Truth) -> None:
