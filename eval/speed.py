@@ -31,6 +31,8 @@ from gtlayout.method import Solution, solve
 from gtlayout.triangulation import triangulate
 from metrics import Metric, write_tables
 from runner import scenes_by_folder
+from simulated_edges import true_edges
+from simulated_room import make_room, prism_faces, ring
 
 COMMAND = (sys.executable, "-c", "import sys; from gtlayout.cli import main; sys.exit(main())")
 """What the command ``gtlayout`` is."""
@@ -202,7 +204,7 @@ def _papers(series: Series, ours_s: float, runs: int) -> list[Metric]:
 def simulated(size: Size) -> Prepared:
     """A room without images, tracks half a pixel off."""
     key_frames = np.linspace(0, size.frames, size.key_frames, endpoint=False).astype(int).tolist()
-    room = simulation.make_room(simulation.ring(size.frames), key_frames, simulation.prism_faces(size.walls))
+    room = make_room(ring(size.frames), key_frames, prism_faces(size.walls))
     drawings = sum(len(key_frame.elements) for key_frame in room.scene.key_frames)
     # Points near the border of the image are soon lost: some more than are wanted, then as many as are.
     tracks = simulation.make_tracks(
@@ -215,7 +217,7 @@ def simulated(size: Size) -> Prepared:
         triangulate(room.scene, tracks, TriangulationConfig()),
         room.instances,
         simulation.true_instance(room, tracks),
-        simulation.true_edges(room),
+        true_edges(room),
     )
 
 

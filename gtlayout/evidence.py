@@ -151,6 +151,14 @@ class Evidence:
     host: IntArray
     """(S,) for doors and windows the surface they lie in; -1 for all others."""
 
+    def on_planes(self, index: IntArray, planes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, 3) points where the tracks' rays meet planes, (4,) for all or (n, 4) one each, and (n,) depths there."""
+        center, ray = self.rays.center[index], self.rays.ray[index]
+        facing = np.sum(planes[..., :3] * ray, axis=1)
+        clearance = np.sum(planes[..., :3] * center, axis=1) + planes[..., 3]
+        depth = -clearance / np.where(facing == 0, 1e-12, facing)
+        return center + depth[:, None] * ray, depth
+
     def track_residuals(self, index: IntArray, planes: FloatArray) -> FloatArray:
         """(H, n) deviation of the tracks' inverse depths from those of (H, 4) planes, in σ."""
         facing = planes[:, :3] @ self.rays.ray[index].T

@@ -160,12 +160,10 @@ def _values(
     for s in surfaces:
         values.insert(P(int(s)), gtsam.OrientedPlane3(planes[s]))
     rays = evidence.rays
-    plane = planes[evidence.track_surface[used]]
-    clearance = np.sum(plane[:, :3] * rays.center[used], axis=1) + plane[:, 3]
-    depth = -clearance / np.sum(plane[:, :3] * rays.ray[used], axis=1)
+    on_plane, depth = evidence.on_planes(used, planes[evidence.track_surface[used]])
     # A ray that misses its plane starts where it was triangulated.
-    depth = np.where((depth > 0.1 / rays.rho[used]) & (depth < 10 / rays.rho[used]), depth, 1 / rays.rho[used])
-    on_plane = rays.center[used] + depth[:, None] * rays.ray[used]
+    meets = (depth > 0.1 / rays.rho[used]) & (depth < 10 / rays.rho[used])
+    on_plane = np.where(meets[:, None], on_plane, rays.points_world()[used])
     for n, point in zip(used.tolist(), np.where(np.isfinite(landmarks[used]), landmarks[used], on_plane), strict=True):
         values.insertPoint3(L(n), point)
     return values

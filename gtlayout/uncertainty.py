@@ -154,7 +154,7 @@ def _add_tracks(
     """What the tracks of surface ``s`` say of its plane, and how far they may be off together."""
     expected = config.uncertainty
     index = np.nonzero((evidence.track_surface == s) & (evidence.track_weight > 0))[0]
-    points, depth = _on_plane(evidence, index, plane)
+    points, depth = evidence.on_planes(index, plane)
     index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
     if len(index) == 0:
         return
@@ -188,14 +188,6 @@ def _add_tracks(
             gtsam.noiseModel.Diagonal.Sigmas(sigma[here] * per_depth),
         )
         system.add([factor], TRACK)
-
-
-def _on_plane(evidence: Evidence, index: IntArray, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) points where the tracks' rays meet a plane, and (n,) their depths."""
-    center, ray = evidence.rays.center[index], evidence.rays.ray[index]
-    facing = ray @ plane[:3]
-    depth = -(center @ plane[:3] + plane[3]) / np.where(facing == 0, 1e-12, facing)
-    return center + depth[:, None] * ray, depth
 
 
 def _across(points: FloatArray, plane: FloatArray) -> FloatArray:

@@ -10,6 +10,8 @@ import pytest
 from shapely import MultiPolygon
 
 import adam
+import simulated_edges
+import simulated_room
 import simulation
 from gtlayout.layout import Instance
 from gtlayout.scene import FloatArray
@@ -20,15 +22,15 @@ ONLY_ANGLES = adam.AdamConfig(track_weight=0.0, edge_weight=0.0)
 
 
 @pytest.fixture(scope="module")
-def orbit() -> simulation.Room:
-    return simulation.make_room(simulation.orbit(), [0, 10, 20])
+def orbit() -> simulated_room.Room:
+    return simulated_room.make_room(simulated_room.orbit(), [0, 10, 20])
 
 
 @pytest.fixture(scope="module")
-def problem(orbit: simulation.Room) -> adam.Problem:
+def problem(orbit: simulated_room.Room) -> adam.Problem:
     tracks = simulation.make_tracks(orbit, np.random.default_rng(0), sigma_px=0.0)
     return adam.problem(
-        orbit.scene, tracks, simulation.true_instance(orbit, tracks), orbit.instances, simulation.true_edges(orbit)
+        orbit.scene, tracks, simulation.true_instance(orbit, tracks), orbit.instances, simulated_edges.true_edges(orbit)
     )
 
 
@@ -42,7 +44,7 @@ def _objective(
     return adam.Objective(problem, config or adam.AdamConfig(), np.arange(len(problem.track_length)), dtype)
 
 
-def _off_the_truth(problem: adam.Problem, orbit: simulation.Room) -> FloatArray:
+def _off_the_truth(problem: adam.Problem, orbit: simulated_room.Room) -> FloatArray:
     """Where no norm is near its kink; planes of any scale."""
     rng = np.random.default_rng(1)
     planes = _local(problem, orbit.planes) + rng.normal(0, 0.1, orbit.planes.shape)
@@ -50,7 +52,7 @@ def _off_the_truth(problem: adam.Problem, orbit: simulation.Room) -> FloatArray:
 
 
 @pytest.mark.parametrize("config", [ONLY_TRACKS, ONLY_EDGES, ONLY_ANGLES, adam.AdamConfig()])
-def test_gradients(problem: adam.Problem, orbit: simulation.Room, config: adam.AdamConfig) -> None:
+def test_gradients(problem: adam.Problem, orbit: simulated_room.Room, config: adam.AdamConfig) -> None:
     planes = _off_the_truth(problem, orbit)
     objective = _objective(problem, config)
     value, gradient = objective(planes)
@@ -63,7 +65,7 @@ def test_gradients(problem: adam.Problem, orbit: simulation.Room, config: adam.A
     np.testing.assert_allclose(gradient, numeric, rtol=1e-6, atol=1e-6 * np.abs(numeric).max())
 
 
-def test_single_precision_gives_the_same(problem: adam.Problem, orbit: simulation.Room) -> None:
+def test_single_precision_gives_the_same(problem: adam.Problem, orbit: simulated_room.Room) -> None:
     planes = _off_the_truth(problem, orbit)
     value, gradient = _objective(problem)(planes)
     rough_value, rough_gradient = _objective(problem, dtype=np.float32)(planes)
@@ -71,11 +73,11 @@ def test_single_precision_gives_the_same(problem: adam.Problem, orbit: simulatio
     np.testing.assert_allclose(rough_gradient, gradient, atol=1e-4 * np.abs(gradient).max())
 
 
-def test_the_loss_of_the_truth_is_zero(problem: adam.Problem, orbit: simulation.Room) -> None:
+def test_the_loss_of_the_truth_is_zero(problem: adam.Problem, orbit: simulated_room.Room) -> None:
     assert _objective(problem)(_local(problem, orbit.planes))[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_scale_of_a_plane_changes_nothing(problem: adam.Problem, orbit: simulation.Room) -> None:
+def test_scale_of_a_plane_changes_nothing(problem: adam.Problem, orbit: simulated_room.Room) -> None:
     planes = _off_the_truth(problem, orbit)
     scaled = planes * np.linspace(0.2, 5.0, len(planes))[:, None]
     assert _objective(problem)(scaled)[0] == pytest.approx(_objective(problem)(planes)[0], rel=1e-9)
@@ -103,13 +105,13 @@ def test_the_losses_in_closed_form() -> None:
     assert _objective(problem, ONLY_ANGLES)(turned)[0] == pytest.approx(0.1 * 0.5)
 
 
-def test_the_loss_is_the_sum_of_its_terms(problem: adam.Problem, orbit: simulation.Room) -> None:
+def test_the_loss_is_the_sum_of_its_terms(problem: adam.Problem, orbit: simulated_room.Room) -> None:
     planes = _off_the_truth(problem, orbit)
     parts = [_objective(problem, config)(planes)[0] for config in (ONLY_TRACKS, ONLY_EDGES, ONLY_ANGLES)]
     assert sum(parts) == pytest.approx(_objective(problem)(planes)[0])
 
 
-def test_near_the_truth_adam_finds_it(problem: adam.Problem, orbit: simulation.Room) -> None:
+def test_near_the_truth_adam_finds_it(problem: adam.Problem, orbit: simulated_room.Room) -> None:
     """Planes turned by up to 4° and moved by 5 cm come back."""
     rng = np.random.default_rng(2)
     start = _local(problem, orbit.planes) + rng.uniform(-0.05, 0.05, orbit.planes.shape)
@@ -118,7 +120,7 @@ def test_near_the_truth_adam_finds_it(problem: adam.Problem, orbit: simulation.R
     np.testing.assert_allclose(run.planes, orbit.planes, atol=0.02)
 
 
-def test_descents_on_one_plane_find_it(orbit: simulation.Room) -> None:
+def test_descents_on_one_plane_find_it(orbit: simulated_room.Room) -> None:
     """From planes of ones, as the paper starts. Of several planes together some descents end in other basins."""
     tracks = simulation.make_tracks(orbit, np.random.default_rng(0), sigma_px=0.0)
     of = simulation.true_instance(orbit, tracks)
@@ -144,19 +146,19 @@ def test_a_run_stops_without_improvement(problem: adam.Problem) -> None:
     assert run.iterations == 8
 
 
-def test_what_nothing_places_is_nan_not_a_guess(orbit: simulation.Room) -> None:
+def test_what_nothing_places_is_nan_not_a_guess(orbit: simulated_room.Room) -> None:
     """A wall that has neither tracks nor edges; a door has its host's plane."""
     tracks = simulation.make_tracks(orbit, np.random.default_rng(0), sigma_px=0.0)
     instances = (*orbit.instances, Instance("wall_9", "wall", ((0, 0),)), Instance("door_0", "door", ((0, 0),), host=0))
     of = simulation.true_instance(orbit, tracks)
-    problem = adam.problem(orbit.scene, tracks, of, instances, simulation.true_edges(orbit))
+    problem = adam.problem(orbit.scene, tracks, of, instances, simulated_edges.true_edges(orbit))
     planes = adam.run(problem, adam.AdamConfig(max_iterations=20), 0, 0).planes
     assert np.isnan(planes[-2]).all()
     np.testing.assert_array_equal(planes[-1], planes[0])
     assert np.isfinite(planes[: len(orbit.instances)]).all()
 
 
-def test_without_any_evidence_all_is_nan(orbit: simulation.Room) -> None:
+def test_without_any_evidence_all_is_nan(orbit: simulated_room.Room) -> None:
     tracks = simulation.no_tracks(orbit.scene)
     problem = adam.problem(orbit.scene, tracks, np.empty(0, dtype=np.int64), orbit.instances, [])
     assert np.isnan(adam.run(problem, adam.AdamConfig(max_iterations=5), 0, 0).planes).all()
@@ -168,7 +170,7 @@ def test_a_loss_that_is_no_number_ends_the_run(problem: adam.Problem) -> None:
     assert np.isnan(run.planes).all()
 
 
-def test_tracks_on_furniture_count_only_where_a_plane_has_no_others(orbit: simulation.Room) -> None:
+def test_tracks_on_furniture_count_only_where_a_plane_has_no_others(orbit: simulated_room.Room) -> None:
     """An element of the first key frame loses its visible parts; then an instance loses all of them."""
     tracks = simulation.make_tracks(orbit, np.random.default_rng(0), sigma_px=0.0)
     of = simulation.true_instance(orbit, tracks)

@@ -22,7 +22,8 @@ from gtlayout.scene import Camera, Scene
 from gtlayout.synth.errors import CameraErrors, disturb_cameras
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
-from simulation import Room, make_room, make_tracks, orbit
+from simulated_room import Room, make_room, orbit
+from simulation import make_tracks
 
 CONFIG = Config(refine_cameras=True)
 POOR = CameraErrors(rotation_sigma_deg=0.15, position_sigma_m=0.01)

@@ -15,19 +15,9 @@ from gtlayout.estimation import Estimate
 from gtlayout.layout import Plane
 from gtlayout.scene import FloatArray
 from gtlayout.tracking import Tracks
-from simulation import (
-    Room,
-    depth_errors,
-    dolly,
-    errors,
-    jitter,
-    make_room,
-    make_tracks,
-    orbit,
-    solve,
-    spoil,
-    true_edges,
-)
+from simulated_edges import jitter, spoil, true_edges
+from simulated_room import Room, dolly, make_room, orbit
+from simulation import depth_errors, errors, make_tracks, solve
 
 TRACKS = 600
 SEEDS = range(6)

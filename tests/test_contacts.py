@@ -13,19 +13,9 @@ from gtlayout.edges import ContactEdge
 from gtlayout.evidence import Evidence, Normalisation, gather
 from gtlayout.scene import FloatArray
 from gtlayout.triangulation import triangulate
-from simulation import (
-    Face,
-    Room,
-    box_faces,
-    edges_along,
-    jitter,
-    make_room,
-    make_tracks,
-    orbit,
-    shifted,
-    true_edges,
-    true_instance,
-)
+from simulated_edges import edges_along, jitter, shifted, true_edges
+from simulated_room import Face, Room, box_faces, make_room, orbit
+from simulation import make_tracks, true_instance
 
 CONFIG = EstimationConfig()
 BOTTOM_LEFT, TOP_LEFT, TOP_RIGHT, BOTTOM_RIGHT = np.array(

@@ -19,18 +19,8 @@ from gtlayout.layout import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
-from simulation import (
-    Room,
-    as_multi,
-    box_faces,
-    chosen,
-    look_at,
-    make_room,
-    make_tracks,
-    no_tracks,
-    orbit,
-    true_instance,
-)
+from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
+from simulation import chosen, make_tracks, no_tracks, true_instance
 
 CONFIG = CorrespondenceConfig()
 TRACKS_ONLY = replace(CONFIG, carried_weight=0.0)

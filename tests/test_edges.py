@@ -15,7 +15,8 @@ from gtlayout.config import EdgeConfig
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.layout import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, KeyFrame, Scene
-from simulation import as_multi, make_room, orbit, true_edges
+from simulated_edges import true_edges
+from simulated_room import as_multi, make_room, orbit
 
 CONFIG = EdgeConfig()
 LEFT, RIGHT = shapely.box(20, 20, 100, 120), shapely.box(100, 20, 180, 120)

@@ -14,23 +14,9 @@ from gtlayout.estimation import Estimate, estimate
 from gtlayout.layout import Instance
 from gtlayout.scene import Element, KeyFrame
 from gtlayout.triangulation import triangulate
-from simulation import (
-    Room,
-    as_multi,
-    box_faces,
-    chosen,
-    errors,
-    jitter,
-    look_at,
-    make_room,
-    make_tracks,
-    nees,
-    no_tracks,
-    orbit,
-    solve,
-    true_edges,
-    true_instance,
-)
+from simulated_edges import jitter, true_edges
+from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
+from simulation import chosen, errors, make_tracks, nees, no_tracks, solve, true_instance
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 EXACT = EstimationConfig(settled=0.0, relative_decrease=1e-9)

@@ -15,7 +15,9 @@ from gtlayout.initialization import face_cameras, initial_planes
 from gtlayout.scene import FloatArray
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
-from simulation import Room, box_faces, chosen, make_room, make_tracks, orbit, true_edges, true_instance
+from simulated_edges import true_edges
+from simulated_room import Room, box_faces, make_room, orbit
+from simulation import chosen, make_tracks, true_instance
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 CONFIG = EstimationConfig()

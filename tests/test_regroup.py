@@ -20,7 +20,8 @@ from gtlayout.scene import FloatArray, IntArray, Label, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, triangulate
 from gtlayout.two_planes import Cluster, cluster_of, find_splits, two_planes
-from simulation import Room, chosen, make_room, make_tracks, orbit
+from simulated_room import Room, make_room, orbit
+from simulation import chosen, make_tracks
 
 CONFIG = Config()
 FACING = np.array([0.0, -1.0, 0.0, 10.0])

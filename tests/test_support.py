@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulation import chosen, make_room, make_tracks, orbit, solve, true_edges, true_instance
+from simulated_edges import true_edges
+from simulated_room import make_room, orbit
+from simulation import chosen, make_tracks, solve, true_instance
 
 KEY_FRAMES = [2, 10, 18]
 

@@ -18,7 +18,7 @@ from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, Frame, ImageArray, KeyFrame, Scene
 from gtlayout.tracking import PairTracker, Tracks, infinite_homography, sample_points, texture_sigma_px, track
-from simulation import as_multi
+from simulated_room import as_multi
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 260.0
 K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])

@@ -11,7 +11,8 @@ from gtlayout.config import TriangulationConfig
 from gtlayout.scene import Camera, FloatArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import camera_path, parallax_deg, triangulate
-from simulation import look_at, make_room, make_tracks, no_tracks, orbit
+from simulated_room import look_at, make_room, orbit
+from simulation import make_tracks, no_tracks
 
 CONFIG = TriangulationConfig()
 

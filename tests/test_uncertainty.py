@@ -24,7 +24,9 @@ from gtlayout.starts import polish
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate
 from gtlayout.uncertainty import error_scales, plane_uncertainty
-from simulation import Room, box_faces, jitter, make_room, make_tracks, orbit, true_edges, true_instance
+from simulated_edges import jitter, true_edges
+from simulated_room import Room, box_faces, make_room, orbit
+from simulation import make_tracks, true_instance
 
 RELATIVE_SIGMA = 0.003
 """σ of a track's depth as a share of depth."""
