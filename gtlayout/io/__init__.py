@@ -10,6 +10,8 @@ from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
+from gtlayout.io.labels import FILE_NAME as LABELS_FILE
+from gtlayout.io.labels import read_label_file
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
 from gtlayout.scene import Scene
 
@@ -44,7 +46,9 @@ def load_scene(root: Path) -> Scene:
     annotations = _read_the_one(root, ANNOTATION_READERS, "annotations")
     metric = _metric_said(root / SCENE_FILE)
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
-    key_frames, key_frame_warnings = build_key_frames(annotations, frames, without_image)
+    key_frames, key_frame_warnings = build_key_frames(
+        annotations, frames, without_image, read_label_file(root / LABELS_FILE)
+    )
     if metric is None:
         metric = cameras.metric
     if metric is None:
