@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -95,12 +95,7 @@ def solve(
         console.print(dimension)
     if solution.cameras is not None:
         console.print(camera_line(solution.cameras, scene.metric))
-    warnings = solution.scene.warnings
-    shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
-    for warning in shown:
-        console.print(f"warning: {warning}", style="yellow")
-    if len(shown) < len(warnings):
-        console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
+    print_warnings(console, solution.scene.warnings, verbose)
     if verbose:
         for stage, seconds in solution.timings_s.items():
             console.print(f"{stage:<16}{seconds:8.2f} s")
@@ -159,6 +154,12 @@ app.command(
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
 )
 
+app.command(
+    "gtlayout.import_command:import_",
+    name="import",
+    help="Turn cameras, video and annotations of any known format into a scene folder, undistorted.",
+)
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
@@ -184,6 +185,15 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
 def stdout() -> Console:
     """Prints text as it is, never wrapped: paths and names stay whole in a log."""
     return Console(highlight=False, markup=False, soft_wrap=True)
+
+
+def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> None:
+    """Print the first warnings, or all of them."""
+    shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
+    for warning in shown:
+        console.print(f"warning: {warning}", style="yellow")
+    if len(shown) < len(warnings):
+        console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
 
 
 class _ProgressBars(Observer):
