@@ -6,7 +6,9 @@ import json
 import math
 import os
 import re
-from contextlib import suppress
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,28 @@ def json_text(data: Any) -> str:
     # A point or a matrix row on one line: strings hold no raw newline, so only layout is touched.
     text = re.sub(r"\[\n\s*([^\[\]{}]*?)\n\s*\]", lambda m: "[" + re.sub(r",\n\s*", ", ", m[1]) + "]", text)
     return text + "\n"
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """A folder of the same name to write to, which becomes ``out`` when all went well; else nothing is left of it.
+
+    Raises GtlayoutError when ``out`` is not an empty or new folder, or the disk does not take what is written.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
+    target = out.absolute()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as temporary:
+            folder = Path(temporary) / target.name
+            folder.mkdir()
+            yield folder
+            if target.exists():
+                target.rmdir()
+            folder.rename(target)
+    except OSError as error:
+        raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -7,7 +7,6 @@ the same folder or in the one above. Annotations are ours, in the same folder.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -15,15 +14,13 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotation_files import NATIVE_FILE
-from gtlayout.io.exports import write_jpeg, write_truth
+from gtlayout.io.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.files import write_all_atomic, write_atomic
-from gtlayout.io.images import MM_PER_UNIT, SATURATED, read_depth, size_of_first
-from gtlayout.io.native import write_annotations
+from gtlayout.io.images import size_of_first
 from gtlayout.io.poses import nearest_rotation
 from gtlayout.io.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
-from gtlayout.scene import FloatArray, Scene
+from gtlayout.scene import FloatArray, Frame, Scene
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """ScanNet's principal points (319.5 of 640) count from the centre of the first pixel, ours from its corner."""
@@ -73,12 +70,12 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
     return PosedImages(tuple(images), tuple(warnings), metric=True)
 
 
-def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) -> None:
-    """Write ``scene`` to the folder ``out`` as ScanNet's reader exports one, with ``annotations.json`` beside.
+def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) -> tuple[Frame, ...]:
+    """Write images, depth and cameras to the folder ``out`` as ScanNet's reader exports them; returns the frames there.
 
     Depth is resampled to ``depth_camera``, as a sensor of its own has it, or keeps the images' when that is None.
-    ``gt_planes.json`` goes along if the scene has one. Raises GtlayoutError when the scene is not metric, frames differ
-    in their intrinsics, an image cannot be read, or the disk does not take them.
+    Raises GtlayoutError when the scene is not metric, frames differ in their intrinsics, an image cannot be read, or
+    the disk does not take them.
     """
     if not scene.metric:
         raise GtlayoutError(f"cannot write {out}: ScanNet's unit is the metre, the scene has none")
@@ -87,32 +84,28 @@ def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) 
     for camera in (frame.camera for frame in scene.frames):
         if (camera.width, camera.height) != (first.width, first.height) or not np.allclose(camera.K, first.K):
             raise GtlayoutError(f"cannot write {out}: the format knows one camera, the scene's frames have several")
-    sensor = depth_camera or pinhole
+    sensor_K = pinhole.K if depth_camera is None else depth_camera.K
     texts: dict[Path, bytes | str] = {
         out / "intrinsic" / "intrinsic_color.txt": _text(_four_by_four(pinhole.K - HALF_PX)),
-        out / "intrinsic" / "intrinsic_depth.txt": _text(_four_by_four(sensor.K - HALF_PX)),
+        out / "intrinsic" / "intrinsic_depth.txt": _text(_four_by_four(sensor_K - HALF_PX)),
         out / "intrinsic" / "extrinsic_color.txt": _text(np.eye(4)),
         out / "intrinsic" / "extrinsic_depth.txt": _text(np.eye(4)),
     }
-    to_sensor = Registration(pinhole, sensor)
+    written = []
     for i, frame in enumerate(scene.frames):
-        write_jpeg(out / "color" / f"{i}.jpg", frame)
+        image, depth = out / "color" / f"{i}.jpg", out / "depth" / f"{i}.png"
+        write_jpeg(image, frame)
+        if depth_camera is None:
+            write_depth(depth, frame)
+        elif frame.depth_path is not None:
+            _, png = cv2.imencode(".png", Registration(pinhole, depth_camera)(depth_mm(frame)))
+            write_atomic(depth, png.tobytes())
         world_from_cam = _four_by_four(frame.camera.R_cam_from_world.T)
         world_from_cam[:3, 3] = frame.camera.center_world
         texts[out / "pose" / f"{i}.txt"] = _text(world_from_cam)
-        if frame.depth_path is not None:
-            depth_mm = np.nan_to_num(np.rint(read_depth(frame) * MM_PER_UNIT)).clip(0, SATURATED - 1).astype(np.uint16)
-            _, png = cv2.imencode(".png", to_sensor(depth_mm))
-            write_atomic(out / "depth" / f"{i}.png", png.tobytes())
-    renamed = [replace(frame, name=f"{i}.jpg") for i, frame in enumerate(scene.frames)]
-    write_annotations(out / NATIVE_FILE, renamed, scene.key_frames)
-    names = {
-        (k, e): (renamed[key_frame.frame].name, element.id)
-        for k, key_frame in enumerate(scene.key_frames)
-        for e, element in enumerate(key_frame.elements)
-    }
-    write_truth(out, scene, names)
+        written.append(Frame(image.name, image, frame.camera))
     write_all_atomic(texts)
+    return tuple(written)
 
 
 def _detect(root: Path) -> list[Path]:
