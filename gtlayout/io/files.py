@@ -48,6 +48,27 @@ def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
                 temporary.unlink()
 
 
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Fill a folder: the one given is called like ``out`` and takes its place in the end, unless something was raised.
+
+    Raises GtlayoutError when ``out`` is there already and not an empty folder, or the disk does not take it.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
+            filled = Path(beside) / out.name  # the name may mean something: CAD-Estate calls the clip so
+            filled.mkdir()
+            yield filled
+            if out.exists():
+                out.rmdir()
+            filled.rename(out)
+    except OSError as error:
+        raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
+
+
 def write_json_atomic(path: Path, data: Any) -> None:
     """Write ``data`` as ``json_text``. Raises GtlayoutError as ``write_atomic`` does."""
     write_atomic(path, json_text(data))
@@ -59,28 +80,6 @@ def json_text(data: Any) -> str:
     # A point or a matrix row on one line: strings hold no raw newline, so only layout is touched.
     text = re.sub(r"\[\n\s*([^\[\]{}]*?)\n\s*\]", lambda m: "[" + re.sub(r",\n\s*", ", ", m[1]) + "]", text)
     return text + "\n"
-
-
-@contextmanager
-def new_folder(out: Path) -> Iterator[Path]:
-    """A folder of the same name to write to, which becomes ``out`` when all went well; else nothing is left of it.
-
-    Raises GtlayoutError when ``out`` is not an empty or new folder, or the disk does not take what is written.
-    """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
-    target = out.absolute()
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{target.name}.", dir=target.parent) as temporary:
-            folder = Path(temporary) / target.name
-            folder.mkdir()
-            yield folder
-            if target.exists():
-                target.rmdir()
-            folder.rename(target)
-    except OSError as error:
-        raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
 
 
 def read_json(path: Path) -> dict[str, Any]:
