@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
+from gtlayout.io import cad_estate, colmap, native, nerfstudio, re10k, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -20,6 +20,7 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     nerfstudio.READER,
     cad_estate.CAMERA_READER,
     scannet.READER,
+    re10k.READER,
 )
 ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
 SCENE_FILE = "scene.json"
@@ -29,11 +30,12 @@ def load_scene(root: Path) -> Scene:
     """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); CAD-Estate and ScanNet have places of their own for both.
+    thousandths of the cameras' unit along z, 0 = none); CAD-Estate and ScanNet have places of their own for both. For
+    cameras with timestamps (RealEstate10k, CAD-Estate) a video file in ``root`` will do.
 
-    ScanNet is metric. COLMAP, nerfstudio and CAD-Estate do not say what their unit is: their scenes count as metric
-    when depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
-    ``{"metric": false}`` overrules both.
+    ScanNet is metric. COLMAP, nerfstudio, RealEstate10k and CAD-Estate do not say what their unit is: their scenes
+    count as metric when depth maps come with them (they are millimetres), else not. ``scene.json`` with
+    ``{"metric": true}`` or ``{"metric": false}`` overrules both.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
     what was repaired or skipped stands in ``Scene.warnings``.

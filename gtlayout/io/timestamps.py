@@ -19,12 +19,14 @@ def match_times(wanted_s: npt.ArrayLike, available_s: npt.ArrayLike, tolerance_s
     None is given away twice: it goes to the nearest wanted time (the first of equals), and the others get -1. Neither
     side need be sorted; of equal available times the first counts, and a time that is not finite matches nothing.
     """
-    wanted, distance_s, nearest = _nearest(wanted_s, available_s)
+    wanted = np.asarray(wanted_s, dtype=np.float64).ravel()
+    times, index = _distinct(available_s)
     matched: IntArray = np.full(len(wanted), -1, dtype=np.int64)
+    nearest, distance_s = _nearest(wanted, times)
     close = np.flatnonzero(distance_s <= tolerance_s + ROUNDING_S)
     best_first = close[np.argsort(distance_s[close], kind="stable")]
     taken, first = np.unique(nearest[best_first], return_index=True)
-    matched[best_first[first]] = taken
+    matched[best_first[first]] = index[taken]
     return matched
 
 
@@ -33,33 +35,38 @@ def common_offset_s(wanted_s: npt.ArrayLike, available_s: npt.ArrayLike, toleran
 
     Of the offsets that match the most, the smallest.
     """
-    wanted, available = (np.asarray(times, dtype=np.float64).ravel() for times in (wanted_s, available_s))
-    matches = int(np.count_nonzero(match_times(wanted, available, tolerance_s) >= 0))
+    wanted = np.asarray(wanted_s, dtype=np.float64).ravel()
+    times, _ = _distinct(available_s)
     if not len(wanted):
         return None
+
+    def matches(offset_s: float) -> int:
+        nearest, distance_s = _nearest(wanted + offset_s, times)
+        return len(np.unique(nearest[distance_s <= tolerance_s + ROUNDING_S]))
+
     # A camera may lack its image: one of three is likely to have it.
-    anchors = wanted[[0, len(wanted) // 2, -1]]
-    candidates = np.unique(available[None, :] - anchors[:, None])
-    candidates = candidates[np.isfinite(candidates)]
-    best = None
-    for offset in candidates[np.argsort(np.abs(candidates), kind="stable")][:MAX_CANDIDATES]:
-        count = int(np.count_nonzero(match_times(wanted + offset, available, tolerance_s) >= 0))
-        if count > matches:
-            best, matches = float(offset), count
+    candidates = np.unique(times[None, :] - wanted[[0, len(wanted) // 2, -1], None])
+    best, most = None, matches(0.0)
+    for offset_s in candidates[np.argsort(np.abs(candidates), kind="stable")][:MAX_CANDIDATES]:
+        if (count := matches(float(offset_s))) > most:
+            best, most = float(offset_s), count
     return best
 
 
-def _nearest(wanted_s: npt.ArrayLike, available_s: npt.ArrayLike) -> tuple[FloatArray, FloatArray, IntArray]:
-    """The wanted times, and of each the distance and the index of the nearest available one (infinite without any)."""
-    wanted, available = (np.asarray(times, dtype=np.float64).ravel() for times in (wanted_s, available_s))
-    order = np.argsort(available, kind="stable")
-    order = order[np.isfinite(available[order])]
-    # Of equal times the first one stays.
-    times, first = np.unique(available[order], return_index=True)
+def _distinct(times_s: npt.ArrayLike) -> tuple[FloatArray, IntArray]:
+    """The finite times, ascending, each once; and where each comes first."""
+    times = np.asarray(times_s, dtype=np.float64).ravel()
+    finite = np.flatnonzero(np.isfinite(times))
+    distinct, first = np.unique(times[finite], return_index=True)
+    return distinct, finite[first].astype(np.int64)
+
+
+def _nearest(wanted: FloatArray, times: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Index and distance of the nearest of ascending ``times``; infinitely far without any."""
     if not len(times):
-        return wanted, np.full(len(wanted), np.inf), np.zeros(len(wanted), dtype=np.int64)
+        return np.zeros(len(wanted), dtype=np.int64), np.full(len(wanted), np.inf)
     after = np.searchsorted(times, wanted).clip(0, len(times) - 1)
     before = (after - 1).clip(0)
     nearest = np.where(np.abs(times[before] - wanted) <= np.abs(times[after] - wanted), before, after)
     distance_s = np.abs(times[nearest] - wanted)
-    return wanted, np.where(np.isfinite(wanted), distance_s, np.inf), order[first[nearest]].astype(np.int64)
+    return nearest, np.where(np.isfinite(wanted), distance_s, np.inf)
