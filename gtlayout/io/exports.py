@@ -21,13 +21,13 @@ JPEG_SUFFIXES = (".jpg", ".jpeg")
 
 
 def write_image(folder: Path, frame: Frame) -> Path:
-    """Write the frame as its pinhole camera sees it, without loss where its file has none; returns where it lies.
+    """Write the frame as its pinhole camera sees it, a JPEG or video as JPEG, others as PNG; returns where it lies.
 
-    That is its name in ``folder``, with another ending added where the name has none of its format. Files without
-    distortion are copied byte by byte. Raises GtlayoutError when the image cannot be read or written.
+    That is its name in ``folder``, with an ending added where the name has none of the format. JPEG and PNG files
+    without distortion are copied byte by byte. Raises GtlayoutError when the image cannot be read or written.
     """
     path = path_inside(folder, frame.name, f"cannot write frame {frame.name}")
-    if frame.image_path.suffix.lower() in JPEG_SUFFIXES:
+    if frame.video is not None or frame.image_path.suffix.lower() in JPEG_SUFFIXES:
         path = path if path.suffix.lower() in JPEG_SUFFIXES else path.with_name(f"{path.name}.jpg")
         write_jpeg(path, frame)
         return path
@@ -40,11 +40,11 @@ def write_image(folder: Path, frame: Frame) -> Path:
 
 
 def write_jpeg(path: Path, frame: Frame) -> None:
-    """Write the frame as its pinhole camera sees it; a JPEG without distortion is copied byte by byte.
+    """Write the frame as its pinhole camera sees it; a JPEG file without distortion is copied byte by byte.
 
     Raises GtlayoutError when the image cannot be read or written.
     """
-    if frame.undistort is None and frame.image_path.suffix.lower() in JPEG_SUFFIXES:
+    if frame.video is None and frame.undistort is None and frame.image_path.suffix.lower() in JPEG_SUFFIXES:
         _copy(frame.image_path, path)
     else:
         write_atomic(path, _encoded(frame, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]))
