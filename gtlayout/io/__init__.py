@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
+from gtlayout.io import arkitscenes, cad_estate, colmap, native, nerfstudio, polycam, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -20,6 +20,8 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     nerfstudio.READER,
     cad_estate.CAMERA_READER,
     scannet.READER,
+    arkitscenes.READER,
+    polycam.READER,
 )
 ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
 SCENE_FILE = "scene.json"
@@ -29,11 +31,12 @@ def load_scene(root: Path) -> Scene:
     """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); CAD-Estate and ScanNet have places of their own for both.
+    thousandths of the cameras' unit along z, 0 = none); CAD-Estate, ScanNet, ARKitScenes
+    and Polycam have places of their own for both.
 
-    ScanNet is metric. COLMAP, nerfstudio and CAD-Estate do not say what their unit is: their scenes count as metric
-    when depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
-    ``{"metric": false}`` overrules both.
+    ScanNet, ARKitScenes and Polycam are metric. COLMAP, nerfstudio and CAD-Estate do not say what their unit is: their
+    scenes count as metric when depth maps come with them (they are millimetres), else not. ``scene.json`` with
+    ``{"metric": true}`` or ``{"metric": false}`` overrules both.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
     what was repaired or skipped stands in ``Scene.warnings``.
