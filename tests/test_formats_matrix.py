@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from camera_writers import write_colmap_binary, write_seven_scenes
+from camera_writers import CameraWriter, write_colmap_binary, writer_of
 
 from gtlayout.config import Config
 from gtlayout.io import SCENE_FILE, load_scene
@@ -25,15 +25,15 @@ from gtlayout.io.scene_writers import (
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.method import solve
-from gtlayout.scene import OPENINGS, Frame, Scene
+from gtlayout.scene import OPENINGS, Scene
 from gtlayout.synth import SynthConfig, synthesize
 
-CAMERAS: dict[str, Callable[[Scene, Path], tuple[Frame, ...]]] = {
+CAMERAS: dict[str, CameraWriter] = {
     **{str(name): write for name, write in CAMERA_WRITERS.items()},
     "colmap-binary": write_colmap_binary,
-    "7-scenes": write_seven_scenes,
+    **{name: writer_of(name) for name in ("seven_scenes", "arkitscenes", "polycam")},
 }
-METRIC = {*METRIC_FORMATS, "7-scenes", "arkitscenes", "polycam"}
+METRIC = {*METRIC_FORMATS, "seven_scenes", "arkitscenes", "polycam"}
 ANNOTATIONS: dict[str, AnnotationWriter] = {str(name): write for name, write in ANNOTATION_WRITERS.items()}
 SAME = 1e-6
 """Of poses, intrinsics and normals; of d relative to 1 m."""

@@ -18,10 +18,10 @@ from videos import number_in, pictures, write_video
 from gtlayout.config import Config, TrackingConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
-from gtlayout.io.cad_estate_export import write_cad_estate
 from gtlayout.io.exports import write_jpeg
 from gtlayout.io.images import read_gray, read_rgb
 from gtlayout.io.re10k import read_cameras, write_re10k
+from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.video import Video
 from gtlayout.method import solve
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
@@ -144,7 +144,7 @@ def test_frames_of_a_video_are_found_by_their_time(tmp_path: Path) -> None:
     written = cv2.imread(str(tmp_path / "out.jpg"))
     assert written is not None
     assert number_in(written.astype(np.uint8)) == 6
-    write_cad_estate(scene, tmp_path / "export/vi_0")
+    write_scene(scene, tmp_path / "export/vi_0", "cad-estate", "native")
     assert len(list((tmp_path / "export/vi_0/vi").glob("*.jpg"))) == 4
 
 
@@ -185,7 +185,7 @@ def test_what_is_wrong_is_one_clear_line(wrong: str, tmp_path: Path) -> None:
     says = {
         "two videos": r"more than one video: .*v\.mp4, .*w\.MOV",
         "no video": r"clip\.txt: no image .* 12 frames; looked for .*images/0\.jpg .* one video \(\.mp4",
-        "size": r"image_size is 160x96 but the camera of 0\.jpg says 80x96",
+        "size": r"0\.jpg was annotated at 160x96 px but its camera says 80x96",
         "damaged": r"cannot read video .*v\.mp4: damaged",
     }
     with pytest.raises(GtlayoutError, match=rf"^[^\n]*{says[wrong]}[^\n]*$"):
@@ -218,7 +218,7 @@ def test_cad_estate_takes_a_video_too(
     write_images(tmp_path / "images", [f"{us}.jpg" for us in times_us])
     scene = load_scene(make_scene(tmp_path, ["99999.jpg"], times_us))
     clip = tmp_path / "vi-d_eo_0"
-    write_cad_estate(scene, clip)
+    write_scene(scene, clip, "cad-estate", "native")
     images = load_scene(clip)
     shutil.rmtree(clip / "vi-d_eo")
     write_video(clip / "any.webm", pictures(COUNT), codec="libvpx-vp9", options={"deadline": "realtime"})
@@ -229,7 +229,7 @@ def test_cad_estate_takes_a_video_too(
     for a, b in zip(images.frames, read.frames, strict=True):
         assert np.array_equal(a.camera.K, b.camera.K)
     edit_json(clip / "frames.json", lambda data: data["frames"][0].update(timestamp=10**400))
-    with pytest.raises(GtlayoutError, match=r"^[^\n]*frames\.json: 1000*[^\n]* is no timestamp[^\n]*$"):
+    with pytest.raises(GtlayoutError, match=r"^[^\n]*frames\.json: frame number 0 has no timestamp[^\n]*$"):
         load_scene(clip)
 
 

@@ -16,12 +16,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import pycolmap
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
 from gtlayout.io.images import decode
+from gtlayout.io.lenses import MAX_STRETCH, finite, lens
 from gtlayout.io.masks import mask_polygons
 from gtlayout.io.native import simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
@@ -34,11 +34,10 @@ FRAMES_FILE = "frames.json"
 MASKS_FOLDER = "structure_annotations"
 STRUCTURE_MASK, VISIBLE_MASK = "processed_structure_", "processed_visible_"
 """The raw ones are numbered frame by frame, and nothing says which label a number has."""
-CLIP_NAME = re.compile(r"([\w-]+)_\d+")
+CLIP_NAME = re.compile(r"([\w-]{1,100})_\d{1,20}")
 """Video and start."""
+MAX_TIMESTAMP_US = 1 << 63
 MAX_QUATERNION_ERROR = 1e-3
-MAX_STRETCH = 0.01
-"""A video's frames may come in another size than the annotators saw, but not in another shape."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def _clip(root: Path, path: Path) -> Clip:
     if not isinstance(frames, list) or not frames:
         raise GtlayoutError(f"{path} has no frames")
     for i, frame in enumerate(frames):
-        if not isinstance(frame, dict) or type(frame.get("timestamp")) is not int:
+        if not isinstance(frame, dict) or not _is_timestamp(frame.get("timestamp")):
             raise GtlayoutError(f"{path}: frame number {i} has no timestamp in whole microseconds")
     names = [f"{match[1]}_{frame['timestamp']}.jpg" for frame in frames]
     folders = (root / match[1], root / "images", root.resolve().parent.parent / "frames" / match[1])
@@ -133,16 +132,14 @@ def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> P
     if min(fx, fy) <= 0:
         raise GtlayoutError(f"{where}: focal lengths must be positive")
     w, x, y, z = quat_wxyz = _numbers(pose.get("rotation"), 4, f"{where}: rotation")
-    if abs(np.linalg.norm(quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
+    if abs(math.hypot(*quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
         raise GtlayoutError(f"{where}: rotation is no unit quaternion")
     name = f"{clip.video}_{frame['timestamp']}.jpg"
-    (width, height), (scale_x, scale_y) = clip.images.size, clip.scale
+    scale_x, scale_y = clip.scale
     return PosedImage(
         name,
         clip.images.paths[index],
-        pycolmap.Camera(
-            model="PINHOLE", width=width, height=height, params=[fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y]
-        ),
+        lens("PINHOLE", clip.images.size, [fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y], where),
         np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64),
         np.array(_numbers(pose.get("translation"), 3, f"{where}: translation")),
         video=clip.images.video_frames[index],
@@ -150,13 +147,15 @@ def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> P
 
 
 def _numbers(value: Any, count: int, where: str) -> list[float]:
-    if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
+    numbers = [finite(item) for item in value] if isinstance(value, list) and len(value) == count else []
+    found = [number for number in numbers if number is not None]
+    if len(found) != count:
         raise GtlayoutError(f"{where} must be {count} finite numbers, not {value!r}")
-    return [float(v) for v in value]
+    return found
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _is_timestamp(value: Any) -> bool:
+    return type(value) is int and 0 <= value < MAX_TIMESTAMP_US
 
 
 def _key_frame(

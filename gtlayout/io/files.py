@@ -7,6 +7,7 @@ import math
 import os
 import re
 import tempfile
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,9 @@ from typing import Any
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+
+MAX_NAME_BYTES, MAX_PATH_BYTES = 240, 1024
+"""Of a file's name and of its path in the scene folder, so that with extension and folder a file system takes them."""
 
 
 def write_atomic(path: Path, content: bytes | str) -> None:
@@ -98,8 +102,14 @@ def read_json(path: Path) -> dict[str, Any]:
 def path_inside(root: Path, relative: str, where: str) -> Path:
     """The file ``relative`` to the scene folder ``root``; links within it are the owner's business.
 
-    Raises GtlayoutError, beginning with ``where``, when the path is absolute or leads out of the folder.
+    Raises GtlayoutError, beginning with ``where``, when the path is absolute, leads out of the folder, or is none:
+    too long, or with control characters.
     """
+    name = relative.encode("utf-8", "replace")
+    if len(name) > MAX_PATH_BYTES or max(map(len, re.split(rb"[/\\]", name))) > MAX_NAME_BYTES:
+        raise GtlayoutError(f"{where}: the path {relative[:40]!r}… is too long")
+    if any(unicodedata.category(character) in ("Cc", "Cs") for character in relative):
+        raise GtlayoutError(f"{where}: the path {relative!r} holds characters that no name has")
     parts: list[str] = []
     for part in relative.replace("\\", "/").split("/"):
         if part == ".." and not parts:
@@ -108,7 +118,7 @@ def path_inside(root: Path, relative: str, where: str) -> Path:
             parts.pop()
         elif part not in ("", "."):
             parts.append(part)
-    if re.match(r"[/\\]|[A-Za-z]:", relative) or "\0" in relative or not parts:
+    if re.match(r"[/\\]|[A-Za-z]:", relative) or not parts:
         raise GtlayoutError(f"{where}: the path {relative!r} must be relative to the scene folder")
     return root.joinpath(*parts)
 

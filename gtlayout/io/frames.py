@@ -19,6 +19,8 @@ from gtlayout.scene import Camera, Frame
 
 MIN_FRAMES = 3
 """Two views of a surface cannot contradict each other, so nothing would tell a good track from a bad one."""
+MAX_POSITION = 1e9
+"""In any unit; beyond it, a number is damage."""
 
 
 def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame, ...], tuple[str, ...], list[str]]:
@@ -26,7 +28,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
 
     To compare sizes, one image per image size is decoded; whether the others can be read shows when they are used.
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
-    or the images do not have the size that their camera says.
+    a camera is nowhere, or the images do not have the size that their camera says.
     """
     ordered = sorted(images, key=lambda image: _natural(image.name))
     for previous, image in pairwise(ordered):
@@ -62,6 +64,8 @@ def _frame(root: Path, image: PosedImage) -> Frame:
         undistort = undistortion(image.camera)
     except GtlayoutError as error:
         raise GtlayoutError(f"{image.image_path}: {error}") from error
+    if not np.all(np.abs(image.t_cam_from_world) <= MAX_POSITION):
+        raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}")
     pinhole = undistort.target if undistort else image.camera
     camera = Camera(
         K=np.array(pinhole.calibration_matrix(), dtype=np.float64),

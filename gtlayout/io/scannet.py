@@ -11,13 +11,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.files import write_all_atomic, write_atomic
 from gtlayout.io.images import size_of_first
-from gtlayout.io.poses import nearest_rotation
+from gtlayout.io.lenses import lens
+from gtlayout.io.poses import cam_from_world, nearest_rotation
 from gtlayout.io.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray, Frame, Scene
@@ -57,11 +57,11 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
         warnings.append(f"{root}: depth left out, its camera has another pose than the image's (intrinsic/extrinsic_*)")
     depth_camera = Pinhole(depth_K, *depth_size) if depth_size else None
     params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
-    camera = pycolmap.Camera(model="PINHOLE", width=size[0], height=size[1], params=params)
+    camera = lens("PINHOLE", size, params, f"{path}: the image's intrinsics")
     images = []
     for (file, pose), (image, depth) in zip(found.items(), files, strict=True):
-        R_cam_from_world = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3").T
-        t_cam_from_world = -R_cam_from_world @ pose[:3, 3]
+        rotation = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3")
+        R_cam_from_world, t_cam_from_world = cam_from_world(rotation, pose[:3, 3])
         # A path that is no file: nothing is there, and nothing else is looked for.
         depth_path = root if apart else depth
         images.append(
@@ -136,7 +136,13 @@ def _intrinsics(root: Path, path: Path) -> tuple[FloatArray, FloatArray, bool]:
     """(3, 3) intrinsics of the image and of the depth map, and whether these have different poses."""
     if path.name != "pose":
         here, above = root / "camera-intrinsics.txt", root.resolve().parent / "camera-intrinsics.txt"
-        K = _camera_matrix(here if here.exists() or not above.exists() else above, 3)
+        if not here.exists() and not above.exists():
+            # 7-Scenes comes without; 525 is what its users take for the colour camera, 585 the depth camera's own.
+            raise GtlayoutError(
+                f"no intrinsics for the frames in {root}: write {here} with the image's 3x3 matrix, three lines "
+                "'fx 0 cx', '0 fy cy', '0 0 1' (for 7-Scenes '525 0 320', '0 525 240', '0 0 1')"
+            )
+        K = _camera_matrix(here if here.exists() else above, 3)
         return K, K, False
     folder = root / "intrinsic"
     K = _camera_matrix(folder / "intrinsic_color.txt", 4) + HALF_PX

@@ -10,18 +10,21 @@ from typing import Literal
 
 from gtlayout.io import SCENE_FILE
 from gtlayout.io.annotation_files import NATIVE_FILE
-from gtlayout.io.cad_estate_export import write_clip, write_masks
+from gtlayout.io.cad_estate_export import FRAME_US, write_clip, write_masks
 from gtlayout.io.colmap import write_colmap
-from gtlayout.io.exports import write_depth, write_image, write_truth
+from gtlayout.io.exports import write_depth, write_image, write_jpeg, write_truth
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.native import write_annotations
 from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.nerfstudio import write_transforms
+from gtlayout.io.re10k import write_re10k
 from gtlayout.io.scannet import write_scannet
 from gtlayout.scene import Frame, KeyFrame, Scene
 
-CameraFormat = Literal["native", "colmap", "scannet", "cad-estate"]
+CameraFormat = Literal["native", "colmap", "re10k", "scannet", "cad-estate"]
 AnnotationFormat = Literal["native", "cad-estate"]
+NO_ADDRESS = "file://"
+"""RealEstate10k's first line is the address of a video on the net."""
 ElementIds = dict[tuple[int, int], str]
 """(key frame, element) → its id in the file; elements that have none there are left out."""
 
@@ -57,6 +60,17 @@ def _write_colmap(scene: Scene, out: Path) -> tuple[Frame, ...]:
     return frames
 
 
+def _write_re10k(scene: Scene, out: Path) -> tuple[Frame, ...]:
+    written = []
+    timestamps_us = [i * FRAME_US for i in range(len(scene.frames))]
+    for frame, timestamp_us in zip(scene.frames, timestamps_us, strict=True):
+        image = out / "images" / f"{timestamp_us}.jpg"
+        write_jpeg(image, frame)
+        written.append(Frame(image.name, image, frame.camera))
+    write_re10k(out / "cameras.txt", written, timestamps_us, NO_ADDRESS)
+    return tuple(written)
+
+
 def _write_images(scene: Scene, out: Path) -> tuple[Frame, ...]:
     """``images/`` and ``depth/``, as ``load_scene`` looks for them."""
     written = []
@@ -86,6 +100,7 @@ AnnotationWriter = Callable[[Scene, Path], ElementIds]
 CAMERA_WRITERS: dict[CameraFormat, Callable[[Scene, Path], tuple[Frame, ...]]] = {
     "native": _write_nerfstudio,
     "colmap": _write_colmap,
+    "re10k": _write_re10k,
     "scannet": write_scannet,
     "cad-estate": write_clip,
 }
