@@ -54,8 +54,8 @@ def read_labelme(_root: Path, folder: Path) -> RawAnnotations:
             continue
         if key_frame.shapes:
             key_frames.append(key_frame)
-    if files and len(broken) == len(files):
-        raise GtlayoutError(broken[0])
+    if len(broken) == len(files):
+        raise GtlayoutError(broken[0] if broken else f"{folder} holds no file of LabelMe's")
     skipped = [f"{line}, skipped" for line in broken]
     return RawAnnotations(folder, tuple(key_frames), (*skipped, *dropped.lines(folder.name)))
 
@@ -106,8 +106,7 @@ def _shape(shape: Any) -> RawShape:
     label = name(shape.get("label")) if isinstance(shape, dict) else None
     if label is None:
         raise UnusableError(" without label")
-    kind = shape.get("shape_type") or "polygon"
-    corners = shape.get("points")
+    kind, corners = shape.get("shape_type", "polygon"), shape.get("points")
     if not isinstance(corners, list) or not all(isinstance(p, list) and len(p) == 2 for p in corners):
         raise UnusableError(": points are no pairs of finite numbers")
     points_px = points([value for point in corners for value in point])
@@ -147,7 +146,7 @@ def _mask(png_base64: Any, points_px: FloatArray) -> tuple[FloatArray, ...]:
     except ValueError as error:
         raise UnusableError(f": a mask that {error}") from error
     beyond = mask.shape[::-1] - (points_px[1] - points_px[0])
-    if not np.all((-0.5 < beyond) & (beyond < 1.5)):
+    if not np.all((beyond > -0.5) & (beyond < 1.5)):
         raise UnusableError(": a mask that has another size than its two points say")
     return tuple(ring + points_px[0] for ring in simple_rings(regions))
 
