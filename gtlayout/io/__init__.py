@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import arkitscenes, cad_estate, colmap, native, nerfstudio, polycam, re10k, scannet
+from gtlayout.io import arkitscenes, cad_estate, coco, colmap, labelme, native, nerfstudio, polycam, re10k, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -27,7 +27,12 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     arkitscenes.READER,
     polycam.READER,
 )
-ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
+ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
+    native.READER,
+    cad_estate.ANNOTATION_READER,
+    coco.READER,
+    labelme.READER,
+)
 SCENE_FILE = "scene.json"
 
 

@@ -18,7 +18,7 @@ JSON_SIGNS: tuple[tuple[AnnotationKind, str], ...] = (
     ("native", r'"gtlayout-annotations/'),
     ("labelme", r'"(shapes|imagePath)"\s*:'),
     ("label-studio", r'\A\s*\[\s*\{.*"(annotations|completions|result|data)"\s*:'),
-    ("coco", r'\A\s*\{.*"(category_id|categories)"\s*:'),
+    ("coco", r'\A\s*\{.*"(category_id|categories|image_id|file_name)"\s*:'),
 )
 """In this order; a key that COCO has, too, may stand in another's file."""
 

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.checked import NO_OCCLUSION_EDGES
 from gtlayout.io.files import read_json
-from gtlayout.io.images import decode
 from gtlayout.io.lenses import MAX_STRETCH, finite, lens
-from gtlayout.io.masks import mask_polygons
+from gtlayout.io.masks import decode_mask, mask_polygons
 from gtlayout.io.native import simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.room_structure import read_room_structure
@@ -76,7 +75,7 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
     labels = read_room_structure(root / STRUCTURE_FILE).labels
     frames_file = root / FRAMES_FILE
     size = _clip(root, frames_file).images.size if frames_file.exists() else None
-    key_frames, warnings = [], [f"{path}: masks carry no occlusion edges, so neighbours are taken to touch everywhere"]
+    key_frames, warnings = [], [f"{path}: masks carry {NO_OCCLUSION_EDGES}"]
     without_visible = []
     for mask in masks:
         visible = mask.with_name(VISIBLE_MASK + mask.name.removeprefix(STRUCTURE_MASK))
@@ -177,7 +176,10 @@ def _key_frame(
     for number in numbers:
         if (label := labels[number]) is not None:
             own = structure == number
-            regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
+            try:
+                regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
+            except ValueError as error:
+                raise GtlayoutError(f"{mask}: element {number} {error}") from error
             polygons, visible_parts = (tuple(ring * scale for ring in rings) for rings in regions)
             shapes.append(RawShape(label, polygons, visible=visible_parts, id=str(number)))
     image = mask.stem.removeprefix(STRUCTURE_MASK) + ".jpg"
@@ -185,10 +187,12 @@ def _key_frame(
 
 
 def _read_mask(path: Path) -> ImageArray:
-    mask = decode(path, cv2.IMREAD_UNCHANGED)
-    if mask.ndim != 2 or not np.issubdtype(mask.dtype, np.integer) or mask.max() > np.iinfo(np.uint8).max:
-        raise GtlayoutError(f"{path} is no mask: 8-bit grey is expected")
-    return mask.astype(np.uint8)
+    try:
+        return decode_mask(path.read_bytes())
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise GtlayoutError(f"{path} {error}") from error
 
 
 def _detect_frames(root: Path) -> list[Path]:

@@ -99,6 +99,11 @@ def read_json(path: Path) -> dict[str, Any]:
     return data
 
 
+def printable(text: str) -> str:
+    """Text out of a file, so that it can stand in a message: no line breaks, no signs that a terminal cannot show."""
+    return text if text.isprintable() else "".join(sign if sign.isprintable() else "?" for sign in text)
+
+
 def path_inside(root: Path, relative: str, where: str) -> Path:
     """The file ``relative`` to the scene folder ``root``; links within it are the owner's business.
 
