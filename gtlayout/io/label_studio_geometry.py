@@ -18,6 +18,8 @@ from gtlayout.io.masks import mask_polygons
 from gtlayout.io.native import MAX_PX, simple_rings
 from gtlayout.scene import FloatArray
 
+NO_POINT = "a point is not [x, y] in percent"
+
 
 class UnusableError(ValueError):
     """Why a region is skipped."""
@@ -58,9 +60,17 @@ def is_number(value: Any) -> TypeGuard[float]:
 def _points(value: Any) -> FloatArray:
     if not isinstance(value, list) or not value:
         raise UnusableError("it has no points")
-    if not all(isinstance(p, list) and len(p) == 2 and all(map(is_number, p)) for p in value):
-        raise UnusableError("a point is not [x, y] in percent")
-    return np.array(value, dtype=np.float64)
+    if set(map(type, value)) != {list} or set(map(len, value)) != {2}:
+        raise UnusableError(NO_POINT)
+    if not {type(number) for point in value for number in point} <= {int, float}:
+        raise UnusableError(NO_POINT)
+    try:
+        points = np.array(value, dtype=np.float64)
+    except OverflowError as error:
+        raise UnusableError(NO_POINT) from error
+    if not np.all(np.abs(points) <= MAX_PX):
+        raise UnusableError(NO_POINT)
+    return points
 
 
 def _vector(value: Any, *, closed: bool) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:

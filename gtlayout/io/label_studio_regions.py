@@ -100,7 +100,8 @@ def name(value: Any) -> str | None:
     """A name as it may stand in a message: printable, on one line, not endless. None = none was given."""
     if isinstance(value, bool) or not isinstance(value, str | int):
         return None
-    return "".join(c if c.isprintable() else " " for c in str(value)[:MAX_NAME]).strip() or None
+    text = str(value)[:MAX_NAME]
+    return (text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)).strip() or None
 
 
 def _region(
@@ -137,7 +138,7 @@ def _said(same: Sequence[dict[str, Any]]) -> dict[str, str]:
     said: dict[str, str] = {}
     for result in same:
         meta = result.get("meta")
-        notes = _names(meta.get("text")) if isinstance(meta, dict) else []
+        notes = _names(meta.get("text")) if isinstance(meta, dict) else ()
         for key, text in re.findall(rf"\b({ID}|{ELEMENT})\s*[:=]\s*(\S+)", " ".join(notes)):
             said.setdefault(key, text)
     for result in same:
