@@ -7,7 +7,19 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import arkitscenes, cad_estate, coco, colmap, labelme, native, nerfstudio, polycam, re10k, scannet
+from gtlayout.io import (
+    arkitscenes,
+    cad_estate,
+    coco,
+    colmap,
+    label_studio,
+    labelme,
+    native,
+    nerfstudio,
+    polycam,
+    re10k,
+    scannet,
+)
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -32,6 +44,7 @@ ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
     cad_estate.ANNOTATION_READER,
     coco.READER,
     labelme.READER,
+    label_studio.READER,
 )
 SCENE_FILE = "scene.json"
 

@@ -16,8 +16,8 @@ HEAD_BYTES = 1 << 16
 """Every format has said what it is by then."""
 JSON_SIGNS: tuple[tuple[AnnotationKind, str], ...] = (
     ("native", r'"gtlayout-annotations/'),
+    ("label-studio", r'\A\s*\[\s*\{.*"(annotations|completions|result|data|annotation_id|rle|\w+labels)"\s*:'),
     ("labelme", r'"(shapes|imagePath)"\s*:'),
-    ("label-studio", r'\A\s*\[\s*\{.*"(annotations|completions|result|data)"\s*:'),
     ("coco", r'\A\s*\{.*"(category_id|categories|image_id|file_name)"\s*:'),
 )
 """In this order; a key that COCO has, too, may stand in another's file."""

@@ -88,14 +88,17 @@ def json_text(data: Any) -> str:
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON file that holds an object. Raises GtlayoutError naming the file when it is absent or no such file."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
+    data = _parsed(path)
     if not isinstance(data, dict):
         raise GtlayoutError(f"{path} must hold a JSON object, not a {type(data).__name__}")
+    return data
+
+
+def read_json_list(path: Path) -> list[Any]:
+    """Read a JSON file that holds a list. Raises GtlayoutError naming the file when it is absent or no such file."""
+    data = _parsed(path)
+    if not isinstance(data, list):
+        raise GtlayoutError(f"{path} must hold a JSON list, not a {type(data).__name__}")
     return data
 
 
@@ -126,6 +129,15 @@ def path_inside(root: Path, relative: str, where: str) -> Path:
     if re.match(r"[/\\]|[A-Za-z]:", relative) or not parts:
         raise GtlayoutError(f"{where}: the path {relative!r} must be relative to the scene folder")
     return root.joinpath(*parts)
+
+
+def _parsed(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
 
 
 def _plain(value: Any) -> Any:
