@@ -11,9 +11,11 @@ from typing import Literal
 from gtlayout.io import SCENE_FILE
 from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.cad_estate_export import FRAME_US, write_clip, write_masks
+from gtlayout.io.coco import write_coco
 from gtlayout.io.colmap import write_colmap
 from gtlayout.io.exports import write_depth, write_image, write_jpeg, write_truth
 from gtlayout.io.files import new_folder, write_json_atomic
+from gtlayout.io.labelme import write_labelme
 from gtlayout.io.native import write_annotations
 from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.nerfstudio import write_transforms
@@ -22,7 +24,7 @@ from gtlayout.io.scannet import write_scannet
 from gtlayout.scene import Frame, KeyFrame, Scene
 
 CameraFormat = Literal["native", "colmap", "re10k", "scannet", "cad-estate"]
-AnnotationFormat = Literal["native", "cad-estate"]
+AnnotationFormat = Literal["native", "coco", "labelme", "cad-estate"]
 NO_ADDRESS = "file://"
 """RealEstate10k's first line is the address of a video on the net."""
 ElementIds = dict[tuple[int, int], str]
@@ -82,18 +84,25 @@ def _write_images(scene: Scene, out: Path) -> tuple[Frame, ...]:
     return tuple(written)
 
 
-def _in_one_file(name: str, write: Callable[[Path, Sequence[Frame], Sequence[KeyFrame]], None]) -> AnnotationWriter:
-    """A writer of a file called ``name``, which keeps the elements' ids."""
+def write_to(name: str, write: Callable[[Path, Sequence[Frame], Sequence[KeyFrame]], None]) -> AnnotationWriter:
+    """A writer of a file called ``name``."""
 
     def write_file(scene: Scene, out: Path) -> ElementIds:
         write(out / name, scene.frames, scene.key_frames)
-        return {
-            (k, e): element.id
-            for k, key_frame in enumerate(scene.key_frames)
-            for e, element in enumerate(key_frame.elements)
-        }
+        return _own_ids(scene)
 
     return write_file
+
+
+def _write_labelme(scene: Scene, _out: Path) -> ElementIds:
+    # Beside the images, where LabelMe looks for them.
+    first = scene.frames[0]
+    write_labelme(first.image_path.parents[first.name.count("/")], scene.frames, scene.key_frames)
+    return _own_ids(scene)
+
+
+def _own_ids(scene: Scene) -> ElementIds:
+    return {(k, e): element.id for k, key in enumerate(scene.key_frames) for e, element in enumerate(key.elements)}
 
 
 AnnotationWriter = Callable[[Scene, Path], ElementIds]
@@ -108,7 +117,9 @@ CAMERA_WRITERS: dict[CameraFormat, Callable[[Scene, Path], tuple[Frame, ...]]] =
 METRIC_FORMATS: frozenset[CameraFormat] = frozenset({"scannet"})
 """Their unit is the metre; others do not say."""
 ANNOTATION_WRITERS: dict[AnnotationFormat, AnnotationWriter] = {
-    "native": _in_one_file(NATIVE_FILE, write_annotations),
+    "native": write_to(NATIVE_FILE, write_annotations),
+    "coco": write_to("coco.json", write_coco),
+    "labelme": _write_labelme,
     "cad-estate": write_masks,
 }
 """(scene with the frames as written, folder) → the elements' ids; each writes the key frames."""
