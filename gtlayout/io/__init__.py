@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
+from gtlayout.io import cad_estate, colmap, cvat, native, nerfstudio, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -23,7 +23,11 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     cad_estate.CAMERA_READER,
     scannet.READER,
 )
-ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
+ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
+    native.READER,
+    cvat.READER,
+    cad_estate.ANNOTATION_READER,
+)
 SCENE_FILE = "scene.json"
 
 
