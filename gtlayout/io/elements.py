@@ -71,7 +71,9 @@ def _put_together(drawn: Sequence[DrawnElement]) -> list[DrawnElement]:
         key = of_id if element.id is not None else of_group if element.group is not None else i
         parts.setdefault(key, []).append(element)
     return [
-        replace(
+        same[0]
+        if len(same) == 1
+        else replace(
             same[0],
             amodal=_union([part.amodal for part in same]),
             visible=_union([part.visible for part in same]),
