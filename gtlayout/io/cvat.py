@@ -1,10 +1,7 @@
 """CVAT's own XML, "CVAT for images 1.1" and "CVAT for video 1.1", read.
 
 Facts are from CVAT's documentation ("XML annotation format") and its exporter (``cvat/apps/dataset_manager``:
-``formats/cvat.py``, ``bindings.py``). Coordinates have (0, 0) at the top-left corner of the first pixel: vertices are
-clamped to 0 … width and 0 … height (``fitPoints`` in ``cvat-core``; 1920, not 1919: its issue 9973). Masks are whole
-pixels.
-"""
+``formats/cvat.py``, ``bindings.py``)."""
 
 from __future__ import annotations
 
@@ -14,24 +11,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree.ElementTree import Element as Node
 
-import numpy as np
-import numpy.typing as npt
-import shapely
 from defusedxml import DefusedXmlException
 from defusedxml import ElementTree as DefusedTree
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import files_of_kind
-from gtlayout.io.masks import mask_polygons
-from gtlayout.io.native import MAX_PX, simple_rings
+from gtlayout.io.cvat_shapes import UnusableError, geometry, whole_number
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
-from gtlayout.scene import BoolArray, FloatArray
 
 VIDEO_FRAME = re.compile(r"frame_(\d{6,9})")
 """What CVAT calls a frame of a video; images keep their file names, which have an ending."""
-MAX_MASK_PX = 1 << 26
-"""Larger than any camera's image; a mask is unpacked into that many bytes."""
-LEAST_POINTS = {"polygon": 3, "polyline": 2}
 
 
 @dataclass(frozen=True)
@@ -105,10 +94,10 @@ def _sequence(root: Node) -> _Sequence:
     if len(about) != 1:
         return _Sequence()
     step = re.search(r"step\s*=\s*(\d{1,9})", about[0].findtext("frame_filter") or "")
-    width, height = (_whole(about[0].findtext(f"original_size/{side}")) for side in ("width", "height"))
+    width, height = (whole_number(about[0].findtext(f"original_size/{side}")) for side in ("width", "height"))
     return _Sequence(
-        _whole(about[0].findtext("size")),
-        _whole(about[0].findtext("start_frame")) or 0,
+        whole_number(about[0].findtext("size")),
+        whole_number(about[0].findtext("start_frame")) or 0,
         max(int(step[1]), 1) if step else 1,
         (width, height) if width and height else None,
     )
@@ -117,13 +106,13 @@ def _sequence(root: Node) -> _Sequence:
 def _images(root: Node, sequence: _Sequence, skipped: _Skipped) -> list[RawKeyFrame]:
     key_frames = []
     for image in root.findall("image"):
-        name, size = _line(image.get("name", "")), (_whole(image.get("width")), _whole(image.get("height")))
+        name, size = _line(image.get("name", "")), (whole_number(image.get("width")), whole_number(image.get("height")))
         if not name or (size != (None, None) and not all(size)):
             skipped.add("image without a name or with a broken size", name or _line(f"image {image.get('id')}"))
             continue
         width, height = size
         annotated = (width, height) if width and height else None
-        shapes = [_shape(node, None, name, skipped) for node in image]
+        shapes = [_shape(node, None, name, skipped) for node in image if node.get("outside") != "1"]
         video = VIDEO_FRAME.fullmatch(name)
         number = sequence.number(int(video[1])) if video else None
         if found := tuple(shape for shape in shapes if shape is not None):
@@ -137,7 +126,7 @@ def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[Ra
     drawn: set[tuple[str, int]] = set()
     for track in root.findall("track"):
         for node in track:
-            frame = _whole(node.get("frame"))
+            frame = whole_number(node.get("frame"))
             if frame is None:
                 skipped.add("shape of a track with a broken frame number", _line(f"track {track.get('id')}"))
             elif node.get("outside") != "1":
@@ -160,9 +149,9 @@ def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[Ra
 def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> RawShape | None:
     """None when it is left out. In a track, label and group are the track's, so is an id where none is written."""
     try:
-        polygons, lines = _geometry(node)
+        polygons, lines = geometry(node)
         z_order = int(node.get("z_order", 0))
-    except _UnusableError as error:
+    except UnusableError as error:
         skipped.add(f"{node.tag}{error}", where)
         return None
     except (ValueError, OverflowError, TypeError):
@@ -182,64 +171,9 @@ def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> Raw
     )
 
 
-class _UnusableError(Exception):
-    """A shape that can be read, but not used."""
-
-
-def _geometry(node: Node) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
-    """Polygons and polylines; raises ValueError, TypeError, OverflowError or _UnusableError."""
-    if node.tag == "box":
-        return (_box(node),), ()
-    if node.tag == "mask":
-        return _mask(node), ()
-    if node.tag not in LEAST_POINTS:
-        raise _UnusableError(" (no polygon, polyline, box or mask)")
-    points_px = _px([[float(x), float(y)] for x, y in (pair.split(",") for pair in node.get("points", "").split(";"))])
-    if len(points_px) < LEAST_POINTS[node.tag]:
-        raise _UnusableError(f" with fewer than {LEAST_POINTS[node.tag]} points")
-    return ((points_px,), ()) if node.tag == "polygon" else ((), (points_px,))
-
-
-def _px(points: npt.ArrayLike) -> FloatArray:
-    points_px = np.array(points, dtype=np.float64)
-    if not np.all(np.abs(points_px) <= MAX_PX):
-        raise ValueError
-    return points_px
-
-
-def _box(node: Node) -> FloatArray:
-    """(4, 2) corners; ``rotation`` is in degrees, clockwise as seen, about the middle."""
-    low, high = _px([[float(node.get(f"{axis}{end}", "")) for axis in "xy"] for end in ("tl", "br")])
-    angle = np.radians(float(node.get("rotation", 0)) % 360)
-    cos, sin = np.cos(angle), np.sin(angle)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * (high - low) / 2
-    return _px((low + high) / 2 + corners @ np.array([[cos, sin], [-sin, cos]]))
-
-
-def _mask(node: Node) -> tuple[FloatArray, ...]:
-    """Outlines of a mask's pixels. Its runs go along the rows of the crop, pixels outside first."""
-    left, top, width, height = (_whole(node.get(key)) for key in ("left", "top", "width", "height"))
-    if left is None or top is None or not width or not height:
-        raise ValueError
-    if width * height > MAX_MASK_PX:
-        raise _UnusableError(f" of more than {MAX_MASK_PX} pixels")
-    runs = np.array([int(run) for run in node.get("rle", "").split(",")], dtype=np.int64)
-    if np.any((runs < 0) | (runs > MAX_MASK_PX)) or runs.sum() != width * height:
-        raise _UnusableError(" whose runs do not add up to its size")
-    inside: BoolArray = np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(height, width)
-    return tuple(
-        simple_rings(shapely.transform(mask_polygons(inside), lambda points_px: points_px + np.array([left, top])))
-    )
-
-
 def _line(text: str) -> str:
     """What is quoted in messages must not break their line."""
     return re.sub(r"\s", " ", text)
-
-
-def _whole(text: str | None) -> int | None:
-    """A number that counts frames or pixels; None when it is none, or a slip."""
-    return int(text) if text and re.fullmatch(r"\s*\d{1,6}\s*", text, re.ASCII) else None
 
 
 READER = Reader("CVAT", "CVAT's annotations.xml", files_of_kind("cvat"), read_cvat)
