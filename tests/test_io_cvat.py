@@ -230,6 +230,17 @@ def test_groups_and_attributes_of_shapes(tmp_path: Path) -> None:
     assert _same(three.polygons, shapely.box(3, 2, 5, 4))
 
 
+def test_a_mask_may_have_many_holes(tmp_path: Path) -> None:
+    mask = np.ones((8, 6000), dtype=bool)
+    for row, column in ((2, 1), (3, 1), (2, 2), (3, 2)):
+        mask[row, column::4] = False
+    ends = np.flatnonzero(np.diff(mask.ravel())) + 1
+    runs = [0, *np.diff([0, *ends, mask.size]).tolist()]
+    rle = ", ".join(map(str, runs))
+    (wall,) = _shapes(tmp_path, f'<mask label="wall" rle="{rle}" left="0" top="0" width="6000" height="8"/>')
+    assert sum(Polygon(ring).area for ring in wall.polygons) == mask.sum() == 42000
+
+
 @pytest.mark.parametrize(
     ("shape", "told"),
     [
