@@ -12,6 +12,7 @@ from gtlayout.io import (
     cad_estate,
     coco,
     colmap,
+    cvat,
     label_studio,
     labelme,
     native,
@@ -41,6 +42,7 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
 )
 ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
     native.READER,
+    cvat.READER,
     cad_estate.ANNOTATION_READER,
     coco.READER,
     labelme.READER,

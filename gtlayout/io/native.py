@@ -130,11 +130,11 @@ def _image_size(value: Any, path: Path) -> tuple[int, int] | None:
 
 
 def _without_holes(polygon: Polygon) -> Iterable[Polygon]:
-    """Cut through the first hole from top to bottom until none is left."""
+    """Cut from top to bottom through the middle one of the holes, from left to right, until none is left."""
     if not polygon.interiors:
         return [polygon]
     x_min, y_min, x_max, y_max = polygon.bounds
-    x_cut = polygon.interiors[0].centroid.x
+    x_cut = sorted(hole.centroid.x for hole in polygon.interiors)[len(polygon.interiors) // 2]
     halves = (polygon & shapely.box(x_min, y_min, x_cut, y_max), polygon & shapely.box(x_cut, y_min, x_max, y_max))
     parts = [part for half in halves for part in shapely.get_parts(half) if isinstance(part, Polygon)]
     return [piece for part in parts for piece in _without_holes(part)]
