@@ -1,8 +1,17 @@
 """The one exception gtlayout raises for problems a user can understand and mend."""
 
+MAX_CHARACTERS = 1000
+"""A file's own words are quoted, and may be long."""
+
 
 class GtlayoutError(Exception):
     """A known problem. The message says what is wrong, where (file, frame or element), and what to do.
 
     The command line prints it as one line and exits with 1; everything else is a bug and shows its traceback.
     """
+
+    def __init__(self, message: str) -> None:
+        # Names come from files: a line break in one must not become one here, half a character must be printable.
+        line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
+        half = MAX_CHARACTERS // 2
+        super().__init__(line if len(line) <= MAX_CHARACTERS else f"{line[:half]} … {line[-half:]}")

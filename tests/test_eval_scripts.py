@@ -24,7 +24,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.cad_estate_export import write_cad_estate
 from gtlayout.io.room_structure import RoomStructure
-from gtlayout.io.scannet import write_scannet
+from gtlayout.io.scene_writers import write_scene
 from gtlayout.method import solve
 from gtlayout.scene import Scene
 from gtlayout.synth import SynthConfig, synthesize
@@ -42,7 +42,7 @@ def releases(tmp_path_factory: pytest.TempPathFactory) -> Path:
         synthesize(root / f"own/{seed}", SynthConfig(seed=seed, frames=12, width=160, height=120, oversample=1))
         scene = load_scene(root / f"own/{seed}")
         write_cad_estate(scene, root / f"annotations/video_{seed}", solve(scene, Config()).layout)
-        write_scannet(scene, root / f"scannet/scene000{seed}_00")
+        write_scene(scene, root / f"scannet/scene000{seed}_00", "scannet", "native")
     return root
 
 

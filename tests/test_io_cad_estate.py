@@ -19,6 +19,7 @@ from gtlayout.io import load_scene
 from gtlayout.io.cad_estate_export import write_cad_estate
 from gtlayout.io.masks import mask_polygons
 from gtlayout.io.room_structure import RoomStructure, read_room_structure, write_room_structure
+from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
@@ -57,7 +58,7 @@ def layout_of(scene: Scene) -> Layout:
 
 def test_cameras_come_back(tiny: Path, tmp_path: Path) -> None:
     scene = _turned(load_scene(tiny))
-    write_cad_estate(scene, tmp_path / CLIP)
+    write_scene(scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     read = load_scene(tmp_path / CLIP)
     assert [frame.name for frame in read.frames] == [f"vi-d_eo_{33_333 * i}.jpg" for i in range(5)]
     assert not read.metric
@@ -72,7 +73,7 @@ def test_cameras_come_back(tiny: Path, tmp_path: Path) -> None:
 def test_masks_come_back(room: Path, tmp_path: Path) -> None:
     """Masks → polygons → masks, on every element of a room with furniture."""
     scene = load_scene(room)
-    write_cad_estate(scene, tmp_path / CLIP)
+    write_scene(scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     read = load_scene(tmp_path / CLIP)
     assert len(read.warnings) == 1
     assert "occlusion edges" in read.warnings[0]
@@ -90,7 +91,7 @@ def test_masks_come_back(room: Path, tmp_path: Path) -> None:
 
 def test_truth_goes_along(room: Path, tmp_path: Path) -> None:
     scene = load_scene(room)
-    write_cad_estate(scene, tmp_path / CLIP)
+    write_scene(scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     read = load_scene(tmp_path / CLIP)
     before, after = read_truth(scene), read_truth(read)
     assert before is not None
@@ -112,15 +113,18 @@ def test_doors_are_part_of_their_wall(box_scene: Scene, tmp_path: Path) -> None:
         for key in box_scene.key_frames
     ]
     scene = replace(box_scene, key_frames=tuple(cut))
-    for layout in (None, layout_of(scene)):
-        write_cad_estate(scene, tmp_path / CLIP, layout)
-        read = load_scene(tmp_path / CLIP)
+    clip, plain = tmp_path / CLIP, tmp_path / "without-layout_1"
+    write_cad_estate(scene, clip, layout_of(scene))
+    write_scene(scene, plain, "cad-estate", "cad-estate")
+    for written in (clip, plain):
+        read = load_scene(written)
         for k, key_frame in enumerate(read.key_frames):
             assert [element.label for element in key_frame.elements] == ["floor", "wall", "wall"]
             whole = fill(rings_of(box_scene.key_frames[k].elements[2].amodal), 100, 160)
             assert _overlap(fill(rings_of(key_frame.elements[2].amodal), 100, 160), whole) >= 0.99
-        structure = read_room_structure(tmp_path / CLIP / "room_structure.npz")
+        structure = read_room_structure(written / "room_structure.npz")
         assert structure.labels == (None, "floor", "wall", "wall")
+    structure = read_room_structure(clip / "room_structure.npz")
     door = structure.triangles[structure.triangle_flags == 2]
     assert set(structure.triangle_element[structure.triangle_flags == 2]) == {3}
     np.testing.assert_allclose(sorted(set(door[..., 0].ravel())), [1, 2])
@@ -132,7 +136,7 @@ def test_doors_are_part_of_their_wall(box_scene: Scene, tmp_path: Path) -> None:
 def test_raw_masks_are_numbered_frame_by_frame(box_scene: Scene, tmp_path: Path) -> None:
     turned = replace(box_scene.key_frames[1], elements=box_scene.key_frames[1].elements[::-1])
     scene = replace(box_scene, key_frames=(box_scene.key_frames[0], turned, box_scene.key_frames[2]))
-    write_cad_estate(scene, tmp_path / CLIP)
+    write_scene(scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     raw, processed = (_mask(tmp_path / CLIP, f"{kind}_structure_vi-d_eo_33333") for kind in ("raw", "processed"))
     # The walls were drawn the other way round; the door, drawn first, stands for the far one.
     assert [int(raw[processed == number].max()) for number in (1, 2, 3)] == [3, 1, 2]
@@ -161,7 +165,7 @@ def test_slanted_lines_are_unbiased() -> None:
 @pytest.mark.parametrize("place", ["images", "../../frames/vi-d_eo"])
 def test_frames_may_lie_elsewhere(box_scene: Scene, tmp_path: Path, place: str) -> None:
     clip = tmp_path / "annotations" / CLIP
-    write_cad_estate(box_scene, clip)
+    write_scene(box_scene, clip, "cad-estate", "cad-estate")
     (clip / place).parent.mkdir(exist_ok=True)
     (clip / "vi-d_eo").rename((clip / place).resolve())
     assert len(load_scene(clip).frames) == 3
@@ -170,7 +174,7 @@ def test_frames_may_lie_elsewhere(box_scene: Scene, tmp_path: Path, place: str) 
 @pytest.mark.parametrize("said", [True, False])
 def test_images_of_another_size(box_scene: Scene, tmp_path: Path, edit_json: Edit, said: bool) -> None:
     """Cameras and masks speak of 160x100 px; the video came in 320x200."""
-    write_cad_estate(box_scene, tmp_path / CLIP)
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     before = load_scene(tmp_path / CLIP)
     for image in (tmp_path / CLIP / "vi-d_eo").iterdir():
         image.write_bytes(cv2.imencode(".jpg", np.zeros((200, 320, 3), dtype=np.uint8))[1].tobytes())
@@ -185,7 +189,7 @@ def test_images_of_another_size(box_scene: Scene, tmp_path: Path, edit_json: Edi
 
 
 def test_visible_masks_that_only_say_that(box_scene: Scene, tmp_path: Path) -> None:
-    write_cad_estate(box_scene, tmp_path / CLIP)
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     before = load_scene(tmp_path / CLIP)
     visible = next((tmp_path / CLIP / "structure_annotations").glob("processed_visible_*_0.png"))
     mask = _mask(tmp_path / CLIP, visible.stem)
@@ -273,7 +277,7 @@ def test_no_structure_file(tmp_path: Path, content: bytes | None) -> None:
 def test_bad_frames(
     box_scene: Scene, tmp_path: Path, edit_json: Edit, change: Callable[[Any], object], says: str
 ) -> None:
-    write_cad_estate(box_scene, tmp_path / CLIP)
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     edit_json(tmp_path / CLIP / "frames.json", change)
     _fails(tmp_path / CLIP, says)
 
@@ -288,7 +292,7 @@ def test_bad_frames(
     ],
 )
 def test_bad_masks(box_scene: Scene, tmp_path: Path, mask: np.ndarray, says: str) -> None:
-    write_cad_estate(box_scene, tmp_path / CLIP)
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     file = next((tmp_path / CLIP / "structure_annotations").glob("processed_structure_*_0.png"))
     file.write_bytes(cv2.imencode(".png", mask)[1].tobytes())
     _fails(tmp_path / CLIP, says)
@@ -296,7 +300,7 @@ def test_bad_masks(box_scene: Scene, tmp_path: Path, mask: np.ndarray, says: str
 
 def test_incomplete_clip(box_scene: Scene, tmp_path: Path) -> None:
     clip = tmp_path / CLIP
-    write_cad_estate(box_scene, clip)
+    write_scene(box_scene, clip, "cad-estate", "cad-estate")
     (clip / "room_structure.npz").rename(tmp_path / "npz")
     _fails(clip, r"cannot read .*room_structure\.npz")
     (tmp_path / "npz").rename(clip / "room_structure.npz")

@@ -16,6 +16,7 @@ from gtlayout.io import load_scene
 from gtlayout.io.images import read_depth
 from gtlayout.io.registration import Pinhole, Registration
 from gtlayout.io.scannet import write_scannet
+from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Scene
 
@@ -29,7 +30,9 @@ def export(tiny: Path, tmp_path: Path) -> Path:
     ramp = np.round(2000 + 5 * np.arange(64) + 3 * np.arange(48)[:, None]).astype(np.uint16)
     for i in (1, 3):
         (tiny / f"depth/{i:03d}.png").write_bytes(cv2.imencode(".png", ramp)[1].tobytes())
-    write_scannet(_turned(load_scene(tiny)), tmp_path / "export", SENSOR)
+    scene = _turned(load_scene(tiny))
+    write_scene(scene, tmp_path / "export", "scannet", "native")
+    write_scannet(scene, tmp_path / "export", SENSOR)
     return tmp_path / "export"
 
 
@@ -58,6 +61,7 @@ def test_depth_is_seen_through_the_image_camera(room: Path, tmp_path: Path) -> N
     K = scene.frames[0].camera.K.copy()
     K[:2] *= 0.5
     K[:2, 2] += (5, -3)
+    write_scene(scene, tmp_path / "export", "scannet", "native")
     write_scannet(scene, tmp_path / "export", Pinhole(K, 180, 110))
     read = load_scene(tmp_path / "export")
     for k in range(len(scene.key_frames)):
@@ -147,7 +151,7 @@ def test_seven_scenes(export: Path, tmp_path: Path, place: str) -> None:
 
 def test_truth_goes_along(room: Path, tmp_path: Path) -> None:
     scene = load_scene(room)
-    write_scannet(scene, tmp_path / "export")
+    write_scene(scene, tmp_path / "export", "scannet", "native")
     before, after = read_truth(scene), read_truth(load_scene(tmp_path / "export"))
     assert before is not None
     assert after is not None

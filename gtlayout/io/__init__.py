@@ -8,7 +8,20 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
+from gtlayout.io import (
+    arkitscenes,
+    cad_estate,
+    coco,
+    colmap,
+    cvat,
+    label_studio,
+    labelme,
+    native,
+    nerfstudio,
+    polycam,
+    re10k,
+    scannet,
+)
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -24,8 +37,18 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     nerfstudio.READER,
     cad_estate.CAMERA_READER,
     scannet.READER,
+    re10k.READER,
+    arkitscenes.READER,
+    polycam.READER,
 )
-ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
+ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
+    native.READER,
+    cvat.READER,
+    cad_estate.ANNOTATION_READER,
+    coco.READER,
+    labelme.READER,
+    label_studio.READER,
+)
 SCENE_FILE = "scene.json"
 
 
@@ -33,9 +56,10 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
     """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. ``annotations``
-    is the file or folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where
-    ``annotated`` is false a scene without annotations is one without key frames.
+    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. Cameras with
+    timestamps (RealEstate10k, CAD-Estate) may have a video file in ``root`` instead. ``annotations`` is the file or
+    folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
+    a scene without annotations is one without key frames.
 
     ScanNet and phone scans are metric. Most formats do not say what their unit is: their scenes count as metric when
     depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or

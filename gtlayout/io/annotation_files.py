@@ -14,11 +14,13 @@ AnnotationKind = Literal["native", "cvat", "coco", "labelme", "label-studio"]
 NATIVE_FILE = "annotations.json"
 HEAD_BYTES = 1 << 16
 """Every format has said what it is by then."""
+MAX_DEPTH = 2
+"""LabelMe's files lie beside the images: in Polycam's scans in ``keyframes/corrected_images``."""
 JSON_SIGNS: tuple[tuple[AnnotationKind, str], ...] = (
     ("native", r'"gtlayout-annotations/'),
+    ("label-studio", r'\A\s*\[\s*\{.*"(annotations|completions|result|data|annotation_id|rle|\w+labels)"\s*:'),
     ("labelme", r'"(shapes|imagePath)"\s*:'),
-    ("label-studio", r'\A\s*\[\s*\{.*"(annotations|completions|result|data)"\s*:'),
-    ("coco", r'\A\s*\{.*"(category_id|categories)"\s*:'),
+    ("coco", r'\A\s*\{.*"(category_id|categories|image_id|file_name)"\s*:'),
 )
 """In this order; a key that COCO has, too, may stand in another's file."""
 
@@ -26,17 +28,19 @@ JSON_SIGNS: tuple[tuple[AnnotationKind, str], ...] = (
 def files_of_kind(kind: AnnotationKind) -> Callable[[Path], list[Path]]:
     """A function that finds the files of one kind in a scene folder, in order of their names.
 
-    They are looked for in the folders within it, too, when the scene folder itself holds no file of any kind. An
+    When it holds no file of any kind they are looked for in the folders within it, then in those within them. An
     ``annotations.json`` of no known kind counts as native: it is meant to be one. The function raises GtlayoutError
     when a folder cannot be read.
     """
 
     def find(root: Path) -> list[Path]:
         try:
-            kinds = _kinds(root)
-            if not kinds:
-                below = [_kinds(folder) for folder in sorted(root.iterdir()) if folder.is_dir()]
-                kinds = {path: found for each in below for path, found in each.items()}
+            folders, kinds = [root], _kinds(root)
+            for _ in range(MAX_DEPTH if not kinds else 0):
+                folders = [path for folder in folders for path in sorted(folder.iterdir()) if path.is_dir()]
+                kinds = {path: found for folder in folders for path, found in _kinds(folder).items()}
+                if kinds:
+                    break
         except OSError as error:
             raise GtlayoutError(f"cannot read {root}: {error.strerror or error}") from error
         return [path for path, found in kinds.items() if found == kind]

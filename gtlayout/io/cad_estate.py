@@ -2,7 +2,8 @@
 
 A scene folder is a clip's folder as it is in the release, ``annotations/<clip>``, with ``frames.json``,
 ``room_structure.npz`` and ``structure_annotations/``. Its frames, ``<video>_<timestamp>.jpg``, may be where the script
-of the release puts them (``frames/<video>/`` beside ``annotations/``), or in ``<video>/`` or ``images/`` in the folder.
+of the release puts them (``frames/<video>/`` beside ``annotations/``), or in ``<video>/`` or ``images/`` in the folder;
+or the video itself lies in the folder.
 """
 
 from __future__ import annotations
@@ -13,54 +14,53 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import pycolmap
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.checked import NO_OCCLUSION_EDGES
 from gtlayout.io.files import read_json
-from gtlayout.io.images import decode, size_of_first
-from gtlayout.io.masks import mask_polygons
+from gtlayout.io.lenses import MAX_STRETCH, finite, lens
+from gtlayout.io.masks import decode_mask, mask_polygons
 from gtlayout.io.native import simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.room_structure import read_room_structure
 from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader
+from gtlayout.io.timed_images import TimedImages, find_timed_images
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
 MASKS_FOLDER = "structure_annotations"
 STRUCTURE_MASK, VISIBLE_MASK = "processed_structure_", "processed_visible_"
 """The raw ones are numbered frame by frame, and nothing says which label a number has."""
-CLIP_NAME = re.compile(r"([\w-]+)_\d+")
+CLIP_NAME = re.compile(r"([\w-]{1,100})_\d{1,20}")
 """Video and start."""
+MAX_TIMESTAMP_US = 1 << 63
 MAX_QUATERNION_ERROR = 1e-3
-MAX_STRETCH = 0.01
-"""A video's frames may come in another size than the annotators saw, but not in another shape."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """frames.json, and the size of the image files."""
+    """frames.json, and its images."""
 
     video: str
     frames: tuple[dict[str, Any], ...]
-    folder: Path
-    """Where the images are."""
-    size: tuple[int, int]
-    """(width, height) px of the image files."""
+    images: TimedImages
     scale: FloatArray
-    """(2,) x and y: pixels of the image files per pixel of the intrinsics."""
+    """(2,) x and y: pixels of the images per pixel of the intrinsics."""
 
 
 def read_frames(root: Path, path: Path) -> PosedImages:
     """Read ``frames.json``: world-to-camera, intrinsics in pixels of ``image_size``, or of the images if that is null.
 
-    Images may have another size than ``image_size``: intrinsics are scaled to them.
+    Images may have another size than ``image_size``: intrinsics are scaled to them. Without images, the frames of the
+    one video file in ``root`` are taken that are at the same times.
     Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, or not a rotation.
     """
     clip = _clip(root, path)
-    return PosedImages(tuple(_posed_image(frame, i, clip, path) for i, frame in enumerate(clip.frames)))
+    return PosedImages(
+        tuple(_posed_image(frame, i, clip, path) for i, frame in enumerate(clip.frames)), clip.images.warnings
+    )
 
 
 def read_masks(root: Path, path: Path) -> RawAnnotations:
@@ -74,8 +74,8 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
         raise GtlayoutError(f"{path} holds no mask; looked for {STRUCTURE_MASK}<video>_<timestamp>.png")
     labels = read_room_structure(root / STRUCTURE_FILE).labels
     frames_file = root / FRAMES_FILE
-    size = _clip(root, frames_file).size if frames_file.exists() else None
-    key_frames, warnings = [], [f"{path}: masks carry no occlusion edges, so neighbours are taken to touch everywhere"]
+    size = _clip(root, frames_file).images.size if frames_file.exists() else None
+    key_frames, warnings = [], [f"{path}: masks carry {NO_OCCLUSION_EDGES}"]
     without_visible = []
     for mask in masks:
         visible = mask.with_name(VISIBLE_MASK + mask.name.removeprefix(STRUCTURE_MASK))
@@ -91,7 +91,7 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
 def image_folder(root: Path) -> Path | None:
     """The folder with a clip's images, which may lie outside ``root``; None when that is no clip with images."""
     try:
-        return _clip(root, root / FRAMES_FILE).folder
+        return _clip(root, root / FRAMES_FILE).images.paths[0].parent
     except GtlayoutError:
         return None
 
@@ -105,26 +105,21 @@ def _clip(root: Path, path: Path) -> Clip:
     if not isinstance(frames, list) or not frames:
         raise GtlayoutError(f"{path} has no frames")
     for i, frame in enumerate(frames):
-        if not isinstance(frame, dict) or type(frame.get("timestamp")) is not int:
+        if not isinstance(frame, dict) or not _is_timestamp(frame.get("timestamp")):
             raise GtlayoutError(f"{path}: frame number {i} has no timestamp in whole microseconds")
     names = [f"{match[1]}_{frame['timestamp']}.jpg" for frame in frames]
     folders = (root / match[1], root / "images", root.resolve().parent.parent / "frames" / match[1])
-    folder = next((f for f in folders if any((f / name).is_file() for name in names)), folders[0])
-    size = size_of_first([folder / name for name in names])
-    if size is None:
-        raise GtlayoutError(
-            f"{path}: no image that can be read for any of {len(frames)} frames; looked for {folder / names[0]}"
-        )
+    images = find_timed_images(root, folders, names, [frame["timestamp"] for frame in frames], path)
     scale = np.ones(2)
     if data.get("image_size") is not None:
         height, width = _numbers(data["image_size"], 2, f"{path}: image_size")
         if min(width, height) < 1:
             raise GtlayoutError(f"{path}: image_size must be [height, width] in pixels")
-        scale = np.array(size) / (width, height)
+        scale = np.array(images.size) / (width, height)
         if abs(scale[0] / scale[1] - 1) > MAX_STRETCH:
-            said, found = f"{width:g}x{height:g}", f"{size[0]}x{size[1]}"
-            raise GtlayoutError(f"{path}: image_size is {said} (width x height) but images in {folder} are {found}")
-    return Clip(match[1], tuple(frames), folder, size, scale)
+            said, found = f"{width:g}x{height:g}", f"{images.size[0]}x{images.size[1]}"
+            raise GtlayoutError(f"{path}: image_size is {said} (width x height) but the images are {found}")
+    return Clip(match[1], tuple(frames), images, scale)
 
 
 def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> PosedImage:
@@ -136,29 +131,30 @@ def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> P
     if min(fx, fy) <= 0:
         raise GtlayoutError(f"{where}: focal lengths must be positive")
     w, x, y, z = quat_wxyz = _numbers(pose.get("rotation"), 4, f"{where}: rotation")
-    if abs(np.linalg.norm(quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
+    if abs(math.hypot(*quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
         raise GtlayoutError(f"{where}: rotation is no unit quaternion")
     name = f"{clip.video}_{frame['timestamp']}.jpg"
-    (width, height), (scale_x, scale_y) = clip.size, clip.scale
+    scale_x, scale_y = clip.scale
     return PosedImage(
         name,
-        clip.folder / name,
-        pycolmap.Camera(
-            model="PINHOLE", width=width, height=height, params=[fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y]
-        ),
+        clip.images.paths[index],
+        lens("PINHOLE", clip.images.size, [fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y], where),
         np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64),
         np.array(_numbers(pose.get("translation"), 3, f"{where}: translation")),
+        video=clip.images.video_frames[index],
     )
 
 
 def _numbers(value: Any, count: int, where: str) -> list[float]:
-    if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
+    numbers = [finite(item) for item in value] if isinstance(value, list) and len(value) == count else []
+    found = [number for number in numbers if number is not None]
+    if len(found) != count:
         raise GtlayoutError(f"{where} must be {count} finite numbers, not {value!r}")
-    return [float(v) for v in value]
+    return found
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _is_timestamp(value: Any) -> bool:
+    return type(value) is int and 0 <= value < MAX_TIMESTAMP_US
 
 
 def _key_frame(
@@ -180,7 +176,10 @@ def _key_frame(
     for number in numbers:
         if (label := labels[number]) is not None:
             own = structure == number
-            regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
+            try:
+                regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
+            except ValueError as error:
+                raise GtlayoutError(f"{mask}: element {number} {error}") from error
             polygons, visible_parts = (tuple(ring * scale for ring in rings) for rings in regions)
             shapes.append(RawShape(label, polygons, visible=visible_parts, id=str(number)))
     image = mask.stem.removeprefix(STRUCTURE_MASK) + ".jpg"
@@ -188,10 +187,12 @@ def _key_frame(
 
 
 def _read_mask(path: Path) -> ImageArray:
-    mask = decode(path, cv2.IMREAD_UNCHANGED)
-    if mask.ndim != 2 or not np.issubdtype(mask.dtype, np.integer) or mask.max() > np.iinfo(np.uint8).max:
-        raise GtlayoutError(f"{path} is no mask: 8-bit grey is expected")
-    return mask.astype(np.uint8)
+    try:
+        return decode_mask(path.read_bytes())
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise GtlayoutError(f"{path} {error}") from error
 
 
 def _detect_frames(root: Path) -> list[Path]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -12,16 +13,18 @@ from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.hosts import find_hosts
+from gtlayout.io import SCENE_FILE
 from gtlayout.io.cad_estate import CLIP_NAME, FRAMES_FILE, MASKS_FOLDER
 from gtlayout.io.exports import write_jpeg, write_truth
 from gtlayout.io.files import write_atomic, write_json_atomic
 from gtlayout.io.room_structure import DOOR_FLAG, FILE_NAME, WINDOW_FLAG, RoomStructure, write_room_structure
 from gtlayout.layout import Instance, Layout, Mesh
 from gtlayout.raster import fill, rings_of
-from gtlayout.scene import OPENINGS, ImageArray, IntArray, Label, Scene
+from gtlayout.scene import OPENINGS, Frame, ImageArray, IntArray, Label, Scene
 
 FRAME_US = 33_333
 """From one frame to the next: video at 30 Hz."""
+MAX_NUMBERS = 256
 FLAGS: dict[Label, int] = {"window": WINDOW_FLAG, "door": DOOR_FLAG}
 
 
@@ -37,58 +40,81 @@ class Numbering:
     """Number of each instance of a layout, likewise; 0 for an opening without a wall."""
 
 
-def write_cad_estate(scene: Scene, out: Path, layout: Layout | None = None) -> None:
-    """Write ``scene`` to the folder ``out``, which is best called ``<video>_<start>`` as in the release.
+def write_cad_estate(scene: Scene, out: Path, layout: Layout) -> None:
+    """Write ``scene`` and its layout to the folder ``out``, which is best called ``<video>_<start>`` as in the release.
 
-    ``frames.json``, ``<video>/<video>_<timestamp>.jpg``, ``structure_annotations/`` with raw and processed masks of
-    structure and visible parts, and ``room_structure.npz``: with the layout's triangles, or, without one, with labels
-    only, since masks alone do not carry any. Processed masks number elements as the layout does; without a layout, the
-    n-th wall of every key frame has the same number, whichever it is. Doors and windows are merged into their wall.
-
-    Two files of our own go along: ``gt_planes.json``, if the scene has one, and ``scene.json``, if it is metric.
+    ``frames.json``, images, masks, and ``room_structure.npz`` with the layout's triangles, see ``write_clip`` and
+    ``write_masks``. Two files of our own go along: ``gt_planes.json``, if the scene has one, and ``scene.json``.
     Raises GtlayoutError when an image cannot be read, frames differ in size, or the disk does not take them.
     """
-    cameras = [frame.camera for frame in scene.frames]
-    sizes = sorted({(camera.width, camera.height) for camera in cameras})
+    written = replace(scene, frames=write_clip(scene, out))
+    write_truth(out, scene, written.frames, write_masks(written, out, layout))
+    write_json_atomic(out / SCENE_FILE, {"metric": scene.metric})
+
+
+def write_clip(scene: Scene, out: Path) -> tuple[Frame, ...]:
+    """Write ``<video>/<video>_<timestamp>.jpg`` and ``frames.json`` to the folder ``out``; returns the frames there.
+
+    Timestamps are those of a video at 30 Hz; the names are made of the folder's.
+    Raises GtlayoutError when an image cannot be read, frames differ in size, or the disk does not take them.
+    """
+    sizes = sorted({(frame.camera.width, frame.camera.height) for frame in scene.frames})
     if len(sizes) > 1:
         raise GtlayoutError(f"cannot write {out}: the format knows one image size, the scene has {sizes}")
-    clip_name = out.name if CLIP_NAME.fullmatch(out.name) else f"{out.name}_0"
-    match = CLIP_NAME.fullmatch(clip_name)
-    if match is None:
-        raise GtlayoutError(f"cannot write {out}: a clip's name is made of letters, digits, _ and -")
-    video = match[1]
-    timestamps = [i * FRAME_US for i in range(len(scene.frames))]
-    stems = [f"{video}_{timestamp}" for timestamp in timestamps]
-    for frame, stem in zip(scene.frames, stems, strict=True):
-        write_jpeg(out / video / f"{stem}.jpg", frame)
-
-    numbering = _number(scene, layout)
-    for k, key_frame in enumerate(scene.key_frames):
-        _write_masks(out / MASKS_FOLDER, stems[key_frame.frame], scene, k, numbering)
-    annotated = np.array([timestamps[key_frame.frame] for key_frame in scene.key_frames], dtype=np.int64)
-    write_room_structure(out / FILE_NAME, _structure(clip_name, layout, numbering, annotated))
-    names = {
-        (k, e): (f"{stems[scene.key_frames[k].frame]}.jpg", str(number))
-        for (k, e), number in numbering.of_element.items()
-        if scene.key_frames[k].elements[e].label not in OPENINGS
-    }
-    write_truth(out, scene, names)
-    if scene.metric:
-        write_json_atomic(out / "scene.json", {"metric": True})
-    frames = []
-    for timestamp, camera in zip(timestamps, cameras, strict=True):
+    clip_name, video = _names(out)
+    written, entries = [], []
+    for i, frame in enumerate(scene.frames):
+        image = out / video / f"{video}_{i * FRAME_US}.jpg"
+        write_jpeg(image, frame)
+        camera = frame.camera
         K, quat_xyzw = camera.K, Rotation.from_matrix(camera.R_cam_from_world).as_quat()
-        frames.append(
+        entries.append(
             {
-                "timestamp": timestamp,
+                "timestamp": i * FRAME_US,
                 "key_frame": False,
                 "intrinsics": [K[0, 0], K[1, 1], K[0, 2], K[1, 2]],
                 "extrinsics": {"translation": camera.t_cam_from_world, "rotation": quat_xyzw[[3, 0, 1, 2]]},
             }
         )
-    # Last, because it is what says that a scene is here.
+        written.append(Frame(image.name, image, camera))
+    # Last, because it is what says that a clip is here.
     size = {"image_size": [sizes[0][1], sizes[0][0]]}
-    write_json_atomic(out / FRAMES_FILE, {"clip_name": clip_name, **size, "frames": frames})
+    write_json_atomic(out / FRAMES_FILE, {"clip_name": clip_name, **size, "frames": entries})
+    return tuple(written)
+
+
+def write_masks(scene: Scene, out: Path, layout: Layout | None = None) -> dict[tuple[int, int], str]:
+    """Write ``structure_annotations/``, named after the scene's frames, and ``room_structure.npz`` to ``out``.
+
+    Raw and processed masks of structure and visible parts. Without a layout the structure has labels only, which masks
+    alone do not carry. Processed masks number elements as the layout does; without one, the n-th wall of every key
+    frame has the same number, whichever it is. Doors and windows are merged into their wall.
+
+    Returns (key frame, element) → id, without what was merged. Raises GtlayoutError when two key frames have names that
+    differ in folder or ending only, there are more elements than a mask can number, or the disk does not take them.
+    """
+    stems = [Path(scene.frame_of(k).name).stem for k in range(len(scene.key_frames))]
+    if len(set(stems)) < len(stems):
+        raise GtlayoutError(f"cannot write {out}: masks are named after images, and some have one name in two folders")
+    numbering = _number(scene, layout)
+    if len(numbering.labels) > MAX_NUMBERS:
+        raise GtlayoutError(f"cannot write {out}: masks of 8 bits cannot number {len(numbering.labels) - 1} elements")
+    for k, stem in enumerate(stems):
+        _write_masks(out / MASKS_FOLDER, stem, scene, k, numbering)
+    annotated_us = np.array([key_frame.frame * FRAME_US for key_frame in scene.key_frames], dtype=np.int64)
+    write_room_structure(out / FILE_NAME, _structure(_names(out)[0], layout, numbering, annotated_us))
+    return {
+        (k, e): str(number)
+        for (k, e), number in numbering.of_element.items()
+        if scene.key_frames[k].elements[e].label not in OPENINGS
+    }
+
+
+def _names(out: Path) -> tuple[str, str]:
+    """What the clip and its video are called, after their folder."""
+    simple = re.sub(r"[^\w-]", "_", out.name)
+    clip_name = simple if CLIP_NAME.fullmatch(simple) else f"{simple}_0"
+    return clip_name, clip_name.rpartition("_")[0]
 
 
 def _number(scene: Scene, layout: Layout | None) -> Numbering:

@@ -10,7 +10,10 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.colmap_binary import check_lengths
 from gtlayout.io.files import path_inside
+from gtlayout.io.lenses import check_lens
+from gtlayout.io.poses import nearest_rotation
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray, Frame
 
@@ -26,25 +29,22 @@ def read_colmap(root: Path, model: Path) -> PosedImages:
     missing = _missing_parts(model)
     if missing:
         raise GtlayoutError(f"COLMAP model {model} is incomplete: no {' and no '.join(missing)} as .bin or .txt")
+    check_lengths(model)
     try:
         reconstruction = pycolmap.Reconstruction(str(model))
         posed = [image for image in reconstruction.images.values() if image.has_pose]
+        names = [image.name for image in posed]
         poses = [image.cam_from_world().matrix() for image in posed]
     except (ValueError, IndexError, RuntimeError, MemoryError) as error:
         raise GtlayoutError(f"COLMAP model {model} cannot be read: {' '.join(str(error).split())}") from error
     if not posed:
         raise GtlayoutError(f"COLMAP model {model} holds no image with a pose")
     for camera in reconstruction.cameras.values():
-        _check_camera(camera, model)
-    folder = _image_folder(root, [image.name for image in posed])
+        check_lens(camera, f"COLMAP model {model}: camera {camera.camera_id}")
+    folder = _image_folder(root, [path_inside(root, name, str(model)) for name in names])
     images = tuple(
-        PosedImage(
-            image.name,
-            path_inside(folder, image.name, str(model)),
-            image.camera,
-            *_rotation_translation(pose, model, image.name),
-        )
-        for image, pose in zip(posed, poses, strict=True)
+        PosedImage(name, path_inside(folder, name, str(model)), image.camera, *_rotation_translation(pose, model, name))
+        for image, name, pose in zip(posed, names, poses, strict=True)
     )
     both = (model / "images.bin").exists() and (model / "images.txt").exists()
     return PosedImages(images, (f"{model} holds text and binary: the binary model was read",) if both else ())
@@ -95,21 +95,20 @@ def _missing_parts(model: Path) -> list[str]:
     return min(by_form, key=len)
 
 
-def _image_folder(root: Path, names: list[str]) -> Path:
-    folders = (root / "images", root)
-    return next((folder for folder in folders if any((folder / name).is_file() for name in names)), folders[0])
-
-
-def _check_camera(camera: pycolmap.Camera, model: Path) -> None:
-    focals = camera.params[camera.focal_length_idxs()]
-    if not np.all(np.isfinite(camera.params)) or np.any(focals <= 0) or min(camera.width, camera.height) < 2:
-        raise GtlayoutError(f"COLMAP model {model}: camera {camera.camera_id} has no valid size and focal length")
+def _image_folder(root: Path, in_root: list[Path]) -> Path:
+    """``images/`` in the scene folder or the scene folder itself, whichever holds an image."""
+    images = root / "images"
+    if any((images / path.relative_to(root)).is_file() for path in in_root):
+        return images
+    return root if any(path.is_file() for path in in_root) else images
 
 
 def _rotation_translation(cam_from_world: FloatArray, model: Path, name: str) -> tuple[FloatArray, FloatArray]:
     if not np.all(np.isfinite(cam_from_world)):
         raise GtlayoutError(f"COLMAP model {model}: the pose of {name} is not finite")
-    return np.ascontiguousarray(cam_from_world[:, :3]), np.ascontiguousarray(cam_from_world[:, 3])
+    # Text quaternions are normalised by pycolmap, binary ones are taken as they are.
+    rotation = nearest_rotation(cam_from_world[:, :3], f"COLMAP model {model}: the pose of {name}")
+    return rotation, np.ascontiguousarray(cam_from_world[:, 3])
 
 
 READER = Reader("COLMAP", "sparse/0, sparse/ or the folder itself with cameras.bin/.txt", _detect, read_colmap)

@@ -6,10 +6,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from gtlayout.io.outlines import polygonal
+from gtlayout.io.outlines import polygonal, united
 from gtlayout.scene import OPENINGS, Element, Label
 
 
@@ -70,7 +71,9 @@ def _put_together(drawn: Sequence[DrawnElement]) -> list[DrawnElement]:
         key = of_id if element.id is not None else of_group if element.group is not None else i
         parts.setdefault(key, []).append(element)
     return [
-        replace(
+        same[0]
+        if len(same) == 1
+        else replace(
             same[0],
             amodal=_union([part.amodal for part in same]),
             visible=_union([part.visible for part in same]),
@@ -105,7 +108,8 @@ def _owner(part: DrawnVisible, whole: Sequence[DrawnElement], names: Sequence[st
     candidates = said or grouped or list(everyone)
     if len(said) == 1:
         return said[0], None
-    overlaps = {i: (part.region & whole[i].amodal).area for i in candidates}
+    shared = shapely.intersection(part.region, np.array([whole[i].amodal for i in candidates], dtype=object))
+    overlaps = dict(zip(candidates, shapely.area(shared).tolist(), strict=True))
     best = max(candidates, key=lambda i: (round(overlaps[i]), whole[i].z_order, -whole[i].amodal.area), default=None)
     if best is None or overlaps[best] == 0:
         return None, "a visible part lies on no element, dropped"
@@ -120,4 +124,5 @@ def _not_behind(element: DrawnElement, whole: Sequence[DrawnElement]) -> MultiPo
 
 
 def _union(regions: Sequence[MultiPolygon]) -> MultiPolygon:
-    return regions[0] if len(regions) == 1 else polygonal(shapely.union_all(regions))
+    there = [region for region in regions if not region.is_empty]
+    return there[0] if len(there) == 1 else united(there)

@@ -7,6 +7,7 @@ import math
 import os
 import re
 import tempfile
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -15,6 +16,9 @@ from typing import Any
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+
+MAX_NAME_BYTES, MAX_PATH_BYTES = 240, 1024
+"""Of a file's name and of its path in the scene folder, so that with extension and folder a file system takes them."""
 
 
 def write_atomic(path: Path, content: bytes | str) -> None:
@@ -84,22 +88,36 @@ def json_text(data: Any) -> str:
 
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON file that holds an object. Raises GtlayoutError naming the file when it is absent or no such file."""
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
+    data = _parsed(path)
     if not isinstance(data, dict):
         raise GtlayoutError(f"{path} must hold a JSON object, not a {type(data).__name__}")
     return data
 
 
+def read_json_list(path: Path) -> list[Any]:
+    """Read a JSON file that holds a list. Raises GtlayoutError naming the file when it is absent or no such file."""
+    data = _parsed(path)
+    if not isinstance(data, list):
+        raise GtlayoutError(f"{path} must hold a JSON list, not a {type(data).__name__}")
+    return data
+
+
+def printable(text: str) -> str:
+    """Text out of a file, so that it can stand in a message: no line breaks, no signs that a terminal cannot show."""
+    return text if text.isprintable() else "".join(sign if sign.isprintable() else "?" for sign in text)
+
+
 def path_inside(root: Path, relative: str, where: str) -> Path:
     """The file ``relative`` to the scene folder ``root``; links within it are the owner's business.
 
-    Raises GtlayoutError, beginning with ``where``, when the path is absolute or leads out of the folder.
+    Raises GtlayoutError, beginning with ``where``, when the path is absolute, leads out of the folder, or is none:
+    too long, or with control characters.
     """
+    name = relative.encode("utf-8", "replace")
+    if len(name) > MAX_PATH_BYTES or max(map(len, re.split(rb"[/\\]", name))) > MAX_NAME_BYTES:
+        raise GtlayoutError(f"{where}: the path {relative[:40]!r}… is too long")
+    if any(unicodedata.category(character) in ("Cc", "Cs") for character in relative):
+        raise GtlayoutError(f"{where}: the path {relative!r} holds characters that no name has")
     parts: list[str] = []
     for part in relative.replace("\\", "/").split("/"):
         if part == ".." and not parts:
@@ -108,9 +126,18 @@ def path_inside(root: Path, relative: str, where: str) -> Path:
             parts.pop()
         elif part not in ("", "."):
             parts.append(part)
-    if re.match(r"[/\\]|[A-Za-z]:", relative) or "\0" in relative or not parts:
+    if re.match(r"[/\\]|[A-Za-z]:", relative) or not parts:
         raise GtlayoutError(f"{where}: the path {relative!r} must be relative to the scene folder")
     return root.joinpath(*parts)
+
+
+def _parsed(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
 
 
 def _plain(value: Any) -> Any:

@@ -2,26 +2,64 @@
 
 from __future__ import annotations
 
+import struct
+
+import cv2
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.scene import BoolArray, FloatArray
+from gtlayout.scene import BoolArray, FloatArray, ImageArray, IntArray
 
 SIMPLIFY_PX = 0.25
 """Takes most of the stairs out of slanted lines; pixels hardly ever change sides."""
+MAX_RUNS = 500_000
+"""Nothing that was drawn has so many; they would take gigabytes."""
+PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
+MAX_MASK_PX = 1 << 26
+"""Larger than any camera's image; a mask is unpacked into that many bytes, whatever the file's size."""
+
+
+def decode_mask(png: bytes) -> ImageArray:
+    """(H, W) grey values of a PNG file's content; raises ValueError, with words to follow its name."""
+    if not png.startswith(PNG_HEAD) or len(png) < len(PNG_HEAD) + 8:
+        raise ValueError("is no PNG image")
+    width, height = struct.unpack_from(">II", png, len(PNG_HEAD))
+    if width * height > MAX_MASK_PX:
+        raise ValueError(f"claims to have more than {MAX_MASK_PX} pixels")
+    try:
+        mask = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error:
+        mask = None
+    if mask is None:
+        raise ValueError("is a damaged image")
+    if mask.ndim != 2 or not np.issubdtype(mask.dtype, np.integer) or mask.max() > np.iinfo(np.uint8).max:
+        raise ValueError("is no mask: 8-bit grey is expected")
+    return mask.astype(np.uint8)
 
 
 def mask_polygons(mask: BoolArray) -> MultiPolygon:
     """The region of an (H, W) mask, px, with holes; pixels that touch at a corner only are apart.
 
     Outlines run between the centres of pixels inside and outside, so that neither side gains by it, and are then
-    simplified by up to ``SIMPLIFY_PX``.
+    simplified by up to ``SIMPLIFY_PX``. Raises ValueError, with words to follow the mask's name, when it has more than
+    ``MAX_RUNS`` runs.
     """
-    changes = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    row, start = np.nonzero(changes == 1)
-    _, end = np.nonzero(changes == -1)
-    pixels = shapely.union_all(shapely.box(start, row, end, row + 1))
+    padded = np.pad(mask, ((0, 0), (1, 1)))
+    starts = padded[:, 1:] & ~padded[:, :-1]
+    _refuse_noise(int(np.count_nonzero(starts)))
+    row, start = np.nonzero(starts)
+    _, end = np.nonzero(padded[:, :-1] & ~padded[:, 1:])
+    return boxes_polygons(np.column_stack([start, row, end, row + 1]))
+
+
+def boxes_polygons(boxes: IntArray) -> MultiPolygon:
+    """The region that (N, 4) boxes x0 y0 x1 y1 of whole pixels make up, with outlines likewise.
+
+    They must not overlap. Raises ValueError as ``mask_polygons`` does.
+    """
+    _refuse_noise(len(boxes))
+    pixels = shapely.union_all(shapely.box(*boxes.T))
     outlines = [
         Polygon(_smoothed(part.exterior), [_smoothed(ring) for ring in part.interiors])
         for part in shapely.get_parts(pixels)
@@ -29,6 +67,11 @@ def mask_polygons(mask: BoolArray) -> MultiPolygon:
     ]
     simple = shapely.simplify(outlines, SIMPLIFY_PX)
     return MultiPolygon([part for part in simple if isinstance(part, Polygon) and not part.is_empty])
+
+
+def _refuse_noise(runs: int) -> None:
+    if runs > MAX_RUNS:
+        raise ValueError(f"has more than {MAX_RUNS} runs of pixels: that is noise, nothing drawn")
 
 
 def _smoothed(ring: shapely.LinearRing) -> FloatArray:

@@ -12,7 +12,7 @@ from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import NATIVE_FILE, files_of_kind
-from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.io.files import printable, read_json, write_json_atomic
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
@@ -72,24 +72,27 @@ def simple_rings(region: MultiPolygon) -> list[FloatArray]:
 def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) -> RawKeyFrame:
     if not isinstance(data, dict) or not isinstance(data.get("image"), str) or not data["image"]:
         raise GtlayoutError(f"{path}: frame number {index} has no image name")
-    where = f"{path}: frame {data['image']}"
+    image = printable(data["image"])
+    where = f"{path}: frame {image}"
     elements = tuple(_element(e, i, where) for i, e in enumerate(_list(data, "elements", where, required=True)))
     ids = [str(element.id) for element in elements]
     twice = sorted({each for each in ids if ids.count(each) > 1})
     if twice:
         raise GtlayoutError(f"{where}: element id {twice[0]} occurs more than once; ids must be unique within a frame")
     edges = RawShape("occlusion_edge", lines=_polylines(data, "occlusion_edges", where))
-    return RawKeyFrame(data["image"], (*elements, edges), size)
+    return RawKeyFrame(image, (*elements, edges), size)
 
 
 def _element(data: Any, index: int, where: str) -> RawShape:
     if not isinstance(data, dict) or not isinstance(data.get("id"), str | int) or isinstance(data["id"], bool):
         raise GtlayoutError(f"{where}: element number {index} has no id")
-    where = f"{where}, element {data['id']}"
+    own_id = printable(str(data["id"]))
+    where = f"{where}, element {own_id}"
     if not isinstance(data.get("label"), str):
         raise GtlayoutError(f"{where} has no label")
     polygons = _polylines(data, "polygons", where, required=True)
-    return RawShape(data["label"], polygons, visible=_polylines(data, "visible", where), id=str(data["id"]))
+    visible = _polylines(data, "visible", where)
+    return RawShape(printable(data["label"]), polygons, visible=visible, id=own_id)
 
 
 def _polylines(data: dict[str, Any], key: str, where: str, *, required: bool = False) -> tuple[FloatArray, ...]:
@@ -127,11 +130,11 @@ def _image_size(value: Any, path: Path) -> tuple[int, int] | None:
 
 
 def _without_holes(polygon: Polygon) -> Iterable[Polygon]:
-    """Cut through the first hole from top to bottom until none is left."""
+    """Cut from top to bottom through the middle one of the holes, from left to right, until none is left."""
     if not polygon.interiors:
         return [polygon]
     x_min, y_min, x_max, y_max = polygon.bounds
-    x_cut = polygon.interiors[0].centroid.x
+    x_cut = sorted(hole.centroid.x for hole in polygon.interiors)[len(polygon.interiors) // 2]
     halves = (polygon & shapely.box(x_min, y_min, x_cut, y_max), polygon & shapely.box(x_cut, y_min, x_max, y_max))
     parts = [part for half in halves for part in shapely.get_parts(half) if isinstance(part, Polygon)]
     return [piece for part in parts for piece in _without_holes(part)]

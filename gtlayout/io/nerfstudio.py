@@ -1,4 +1,9 @@
-"""nerfstudio's ``transforms.json``: camera-to-world, OpenGL axes (x right, y up, z backward)."""
+"""nerfstudio's ``transforms.json``: camera-to-world, OpenGL axes (x right, y up, z backward).
+
+Facts from nerfstudio's documentation (data conventions) and its reader (nerfstudio_dataparser.py). The files of
+instant-ngp and Blender, with an angle of view for a focal length, are read too. ``applied_transform`` is what turned
+the source's world into this one: nothing here needs the source's. The unit of depth maps is no field of the file.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +17,13 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import path_inside, read_json, write_json_atomic
-from gtlayout.io.poses import nearest_rotation
+from gtlayout.io.images import size_of_first
+from gtlayout.io.lenses import finite, lens
+from gtlayout.io.poses import OPENGL_FROM_OPENCV, cam_from_world_opengl
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray, Frame
 
 FILE_NAME = "transforms.json"
-OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 FISHEYE = "OPENCV_FISHEYE"
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
@@ -26,7 +32,9 @@ EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 def read_transforms(root: Path, path: Path) -> PosedImages:
     """Read ``transforms.json``: intrinsics global or per frame, all distortion coefficients but a perspective k4.
 
-    Rotations are made orthonormal. ``file_path`` is relative to the file and may lack its extension.
+    What a frame says goes before what the file says. Rotations are made orthonormal; positions are divided by
+    ``applied_scale``, which depth maps never went through. ``file_path`` is relative to the file and may lack its
+    extension. Without ``w`` and ``h`` the images are as large as the first one.
     Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, not a rotation, or leads
     out of the scene folder.
     """
@@ -34,7 +42,19 @@ def read_transforms(root: Path, path: Path) -> PosedImages:
     entries = data.get("frames")
     if not isinstance(entries, list) or not entries:
         raise GtlayoutError(f"{path} has no frames")
-    return PosedImages(tuple(_posed_image(entry, i, data, root, path) for i, entry in enumerate(entries)))
+    applied_scale = finite(data.get("applied_scale", 1))
+    if applied_scale is None or applied_scale <= 0:
+        raise GtlayoutError(f"{path}: applied_scale must be a positive number, not {data['applied_scale']!r}")
+    image_paths = [_image_path(entry, i, root, path) for i, entry in enumerate(entries)]
+    if not all({"w", "h"} <= {**data, **entry}.keys() for entry in entries):
+        size = size_of_first(image_paths)
+        data = data if size is None else {"w": size[0], "h": size[1], **data}
+    return PosedImages(
+        tuple(
+            _posed_image(entry, image_path, data, applied_scale, root, path)
+            for entry, image_path in zip(entries, image_paths, strict=True)
+        )
+    )
 
 
 def write_transforms(path: Path, frames: Sequence[Frame]) -> None:
@@ -68,23 +88,32 @@ def file_path(root: Path, frame: Frame) -> str:
     return frame.image_path.relative_to(root).as_posix() if inside else frame.name
 
 
-def _posed_image(entry: Any, index: int, data: dict[str, Any], root: Path, path: Path) -> PosedImage:
+def _image_path(entry: Any, index: int, root: Path, path: Path) -> Path:
+    """The image that is there, with an extension where ``file_path`` lacks one; else as ``file_path`` has it."""
     if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str) or not entry["file_path"]:
         raise GtlayoutError(f"{path}: frame number {index} has no file_path")
+    inside = path_inside(root, entry["file_path"], f"{path}: frame {entry['file_path']}")
+    return next((p for e in EXTENSIONS if (p := inside.with_name(inside.name + e)).is_file()), inside)
+
+
+def _posed_image(
+    entry: dict[str, Any], image_path: Path, data: dict[str, Any], applied_scale: float, root: Path, path: Path
+) -> PosedImage:
     where = f"{path}: frame {entry['file_path']}"
-    image_path = path_inside(root, entry["file_path"], where)
-    image_path = next((p for e in EXTENSIONS if (p := image_path.with_name(image_path.name + e)).is_file()), image_path)
     depth = entry.get("depth_file_path")
     if depth is not None and not isinstance(depth, str):
         raise GtlayoutError(f"{where}: depth_file_path must be a string")
     images = root / "images"
-    R_cam_from_world, t_cam_from_world = _pose(entry.get("transform_matrix"), where)
+    world_from_cam = _matrix(entry.get("transform_matrix"), where)
+    R_cam_from_world, t_cam_from_world = cam_from_world_opengl(
+        world_from_cam, f"{where}: the left 3x4 of transform_matrix"
+    )
     return PosedImage(
         name=image_path.relative_to(images if image_path.is_relative_to(images) else root).as_posix(),
         image_path=image_path,
         camera=_lens({**data, **entry}, where),
         R_cam_from_world=R_cam_from_world,
-        t_cam_from_world=t_cam_from_world,
+        t_cam_from_world=t_cam_from_world / applied_scale,
         depth_path=None if depth is None else path_inside(root, depth, where),
     )
 
@@ -94,14 +123,19 @@ def _lens(values: dict[str, Any], where: str) -> pycolmap.Camera:
         value = values.get(key, default)
         if value is None:
             raise GtlayoutError(f"{where}: no {key}, neither for the frame nor for the file")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < math.inf:
+        found = finite(value)
+        if found is None:
             raise GtlayoutError(f"{where}: {key} must be a finite number, not {value!r}")
-        return float(value)
+        return found
 
-    fx, fy, width, height = (number(key) for key in ("fl_x", "fl_y", "w", "h"))
-    if min(fx, fy) <= 0 or min(width, height) < 2 or width % 1 or height % 1:
-        raise GtlayoutError(f"{where}: fl_x, fl_y, w and h must be positive, w and h whole numbers")
-    pinhole = [fx, fy, number("cx"), number("cy")]
+    size = number("w"), number("h")
+    if "fl_x" not in values and "camera_angle_x" in values:
+        # instant-ngp's and Blender's: square pixels and the centre of the image, where nothing else is said.
+        fx = _focal(size[0], number("camera_angle_x"))
+        fy = _focal(size[1], number("camera_angle_y")) if "camera_angle_y" in values else fx
+        pinhole = [fx, fy, number("cx", size[0] / 2), number("cy", size[1] / 2)]
+    else:
+        pinhole = [number(key) for key in ("fl_x", "fl_y", "cx", "cy")]
     k1, k2, k3, k4, p1, p2 = (number(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
     model = values.get("camera_model", "OPENCV")
     if model == FISHEYE:
@@ -117,11 +151,16 @@ def _lens(values: dict[str, Any], where: str) -> pycolmap.Camera:
     else:
         # Whatever the model's name, coefficients that are given are meant.
         model, distortion = "OPENCV", [k1, k2, p1, p2]
-    return pycolmap.Camera(model=model, width=int(width), height=int(height), params=pinhole + distortion)
+    return lens(model, size, pinhole + distortion, where)
 
 
-def _pose(value: Any, where: str) -> tuple[FloatArray, FloatArray]:
-    """The rotation and translation of ``cam_from_world``."""
+def _focal(side_px: float, angle: float) -> float:
+    """px, from the angle of view in radians; 0, which no lens has, from what is no such angle."""
+    return side_px / 2 / math.tan(angle / 2) if 0 < angle < math.pi else 0.0
+
+
+def _matrix(value: Any, where: str) -> FloatArray:
+    """(3, 4) or (4, 4) ``transform_matrix``."""
     try:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -130,9 +169,7 @@ def _pose(value: Any, where: str) -> tuple[FloatArray, FloatArray]:
         raise GtlayoutError(f"{where}: transform_matrix must be 4x4 (or 3x4) finite numbers")
     if len(matrix) == 4 and tuple(matrix[3]) != (0, 0, 0, 1):
         raise GtlayoutError(f"{where}: transform_matrix must end with the row 0 0 0 1")
-    rotation = nearest_rotation(matrix[:3, :3], f"{where}: the left 3x4 of transform_matrix")
-    R_cam_from_world = (rotation @ OPENGL_FROM_OPENCV).T
-    return R_cam_from_world, -R_cam_from_world @ matrix[:3, 3]
+    return matrix
 
 
 def _intrinsics_of(frame: Frame) -> dict[str, float]:

@@ -18,6 +18,8 @@ OVERHANG_PX = 1.0
 MIN_AREA_PX2 = 1.0
 """Pieces smaller than a pixel are left-overs of repair and clipping."""
 
+NOTHING = MultiPolygon()
+
 
 @dataclass
 class Repairs:
@@ -64,12 +66,12 @@ class View:
 def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repairs) -> MultiPolygon:
     """The union of (N, 2) outlines, in the pinhole image; ``where`` begins what is told of them."""
     pieces = [_polygon(view.to_file(points_px), view, where, repairs) for points_px in polygons]
-    return polygonal(shapely.union_all([piece for piece in pieces if not piece.is_empty]))
+    return united([piece for piece in pieces if not piece.is_empty])
 
 
 def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatArray]:
     """The parts of an (N, 2) polyline within the image, in the pinhole image."""
-    if len(np.unique(points_px, axis=0)) < 2:
+    if _distinct(points_px) < 2:
         repairs.lines.append(f"{view.name}: occlusion edge with fewer than 2 points dropped")
         return []
     image = shapely.box(0, 0, *view.file_size)
@@ -82,38 +84,56 @@ def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatA
     return [piece for piece in pieces if np.all(np.isfinite(piece))]
 
 
+def united(regions: Sequence[MultiPolygon]) -> MultiPolygon:
+    """The union of regions, without pieces smaller than a pixel."""
+    return polygonal(shapely.union_all(regions)) if regions else NOTHING
+
+
 def polygonal(geometry: BaseGeometry) -> MultiPolygon:
     """The polygons in a geometry, without those smaller than a pixel."""
-    parts = shapely.get_parts(shapely.get_parts(geometry))
-    return MultiPolygon([part for part in parts if isinstance(part, Polygon) and part.area >= MIN_AREA_PX2])
+    parts = [geometry] if isinstance(geometry, Polygon) else shapely.get_parts(shapely.get_parts(geometry))
+    large = [part for part in parts if isinstance(part, Polygon) and part.area >= MIN_AREA_PX2]
+    return MultiPolygon(large) if large else NOTHING
 
 
 def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) -> MultiPolygon:
-    if len(np.unique(points_px, axis=0)) < 3:
+    if _distinct(points_px) < 3:
         repairs.lines.append(f"{where}: polygon with fewer than 3 points dropped")
-        return MultiPolygon()
-    polygon: BaseGeometry = Polygon(points_px)
+        return NOTHING
+    polygon: BaseGeometry = shapely.polygons(points_px)
     if not polygon.is_valid:
         polygon = polygonal(_valid(polygon))
         what = "polygon without area dropped" if polygon.is_empty else "self-crossing polygon repaired"
         repairs.lines.append(f"{where}: {what}")
     if polygon.is_empty:
-        return MultiPolygon()
-    image = shapely.box(0, 0, *view.file_size)
+        return NOTHING
     # Clipped before undistortion: off the image a lens model means nothing.
-    inside = polygonal(polygon if image.covers(polygon) else polygon & image)
+    bounds_px = polygon.bounds
+    inside = polygonal(
+        polygon if _within(bounds_px, view.file_size, 0) else polygon & shapely.box(0, 0, *view.file_size)
+    )
     if inside.is_empty:
         repairs.lines.append(f"{where}: polygon off the image dropped")
         return inside
-    repairs.overhanging += not image.buffer(OVERHANG_PX, join_style="mitre").covers(polygon)
+    repairs.overhanging += not _within(bounds_px, view.file_size, OVERHANG_PX)
     if view.lens is None:
         return inside
     # Vertices only: what is straight in the room is straight between undistorted vertices.
     straight = shapely.transform(inside, view.to_pinhole)
     if not np.all(np.isfinite(shapely.get_coordinates(straight))):
         repairs.lines.append(f"{where}: polygon dropped, the lens model has no inverse at one of its points")
-        return MultiPolygon()
+        return NOTHING
     return polygonal(_valid(straight) & shapely.box(0, 0, *view.pinhole_size))
+
+
+def _distinct(points_px: FloatArray) -> int:
+    return len(set(map(tuple, points_px.tolist())))
+
+
+def _within(bounds_px: tuple[float, ...], size: tuple[int, int], margin_px: float) -> bool:
+    """Whether (x_min, y_min, x_max, y_max) lie in the image or up to a margin off it."""
+    x_min, y_min, x_max, y_max = bounds_px
+    return min(x_min, y_min) >= -margin_px and x_max <= size[0] + margin_px and y_max <= size[1] + margin_px
 
 
 def _valid(geometry: BaseGeometry) -> BaseGeometry:

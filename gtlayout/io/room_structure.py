@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,10 @@ from gtlayout.scene import Camera, FloatArray, IntArray, Label
 FILE_NAME = "room_structure.npz"
 LABELS: tuple[Label | None, ...] = (None, "wall", "floor", "ceiling", "slanted")
 """By the release's numbers; None is what it says to ignore."""
+MAX_BYTES = 1 << 28
+"""Unpacked; a million triangles take a quarter of it."""
+DAMAGED = (ValueError, TypeError, AttributeError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
+"""What zipfile and NumPy raise when a file is cut off, garbled, encrypted, or claims to hold more than there is."""
 WINDOW_FLAG, DOOR_FLAG = 1, 2
 """Doors and windows are no elements of their own there: their triangles belong to the wall they lie in."""
 
@@ -60,6 +65,9 @@ def read_room_structure(path: Path) -> RoomStructure:
     Raises GtlayoutError when the file is absent, no such file, or its parts do not fit together.
     """
     try:
+        with zipfile.ZipFile(path) as archive:
+            if sum(part.file_size for part in archive.infolist()) > MAX_BYTES:
+                raise ValueError(f"it unpacks to more than {MAX_BYTES} bytes")
         with np.load(path, allow_pickle=False) as data:
             clip_name = str(data["clip_name"])
             triangles = np.asarray(data["layout_triangles"], dtype=np.float64)
@@ -71,7 +79,7 @@ def read_room_structure(path: Path) -> RoomStructure:
         raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
     except KeyError as error:
         raise GtlayoutError(f"{path} has no part {error}: it is no {FILE_NAME} of CAD-Estate") from error
-    except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise GtlayoutError(f"{path} is damaged or no {FILE_NAME}: {' '.join(str(error).split())}") from error
     if flags.ndim == 2:
         flags = np.bitwise_or.reduce(flags, axis=1)

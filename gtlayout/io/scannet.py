@@ -7,23 +7,20 @@ the same folder or in the one above. Annotations are ours, in the same folder.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotation_files import NATIVE_FILE
-from gtlayout.io.exports import write_jpeg, write_truth
+from gtlayout.io.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.files import write_all_atomic, write_atomic
-from gtlayout.io.images import MM_PER_UNIT, SATURATED, read_depth, size_of_first
-from gtlayout.io.native import write_annotations
-from gtlayout.io.poses import nearest_rotation
+from gtlayout.io.images import size_of_first
+from gtlayout.io.lenses import lens
+from gtlayout.io.poses import cam_from_world, nearest_rotation
 from gtlayout.io.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
-from gtlayout.scene import FloatArray, Scene
+from gtlayout.scene import FloatArray, Frame, Scene
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
 """ScanNet's principal points (319.5 of 640) count from the centre of the first pixel, ours from its corner."""
@@ -60,11 +57,11 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
         warnings.append(f"{root}: depth left out, its camera has another pose than the image's (intrinsic/extrinsic_*)")
     depth_camera = Pinhole(depth_K, *depth_size) if depth_size else None
     params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
-    camera = pycolmap.Camera(model="PINHOLE", width=size[0], height=size[1], params=params)
+    camera = lens("PINHOLE", size, params, f"{path}: the image's intrinsics")
     images = []
     for (file, pose), (image, depth) in zip(found.items(), files, strict=True):
-        R_cam_from_world = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3").T
-        t_cam_from_world = -R_cam_from_world @ pose[:3, 3]
+        rotation = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3")
+        R_cam_from_world, t_cam_from_world = cam_from_world(rotation, pose[:3, 3])
         # A path that is no file: nothing is there, and nothing else is looked for.
         depth_path = root if apart else depth
         images.append(
@@ -73,12 +70,12 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
     return PosedImages(tuple(images), tuple(warnings), metric=True)
 
 
-def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) -> None:
-    """Write ``scene`` to the folder ``out`` as ScanNet's reader exports one, with ``annotations.json`` beside.
+def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) -> tuple[Frame, ...]:
+    """Write images, depth and cameras to the folder ``out`` as ScanNet's reader exports them; returns the frames there.
 
     Depth is resampled to ``depth_camera``, as a sensor of its own has it, or keeps the images' when that is None.
-    ``gt_planes.json`` goes along if the scene has one. Raises GtlayoutError when the scene is not metric, frames differ
-    in their intrinsics, an image cannot be read, or the disk does not take them.
+    Raises GtlayoutError when the scene is not metric, frames differ in their intrinsics, an image cannot be read, or
+    the disk does not take them.
     """
     if not scene.metric:
         raise GtlayoutError(f"cannot write {out}: ScanNet's unit is the metre, the scene has none")
@@ -87,32 +84,28 @@ def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) 
     for camera in (frame.camera for frame in scene.frames):
         if (camera.width, camera.height) != (first.width, first.height) or not np.allclose(camera.K, first.K):
             raise GtlayoutError(f"cannot write {out}: the format knows one camera, the scene's frames have several")
-    sensor = depth_camera or pinhole
+    sensor_K = pinhole.K if depth_camera is None else depth_camera.K
     texts: dict[Path, bytes | str] = {
         out / "intrinsic" / "intrinsic_color.txt": _text(_four_by_four(pinhole.K - HALF_PX)),
-        out / "intrinsic" / "intrinsic_depth.txt": _text(_four_by_four(sensor.K - HALF_PX)),
+        out / "intrinsic" / "intrinsic_depth.txt": _text(_four_by_four(sensor_K - HALF_PX)),
         out / "intrinsic" / "extrinsic_color.txt": _text(np.eye(4)),
         out / "intrinsic" / "extrinsic_depth.txt": _text(np.eye(4)),
     }
-    to_sensor = Registration(pinhole, sensor)
+    written = []
     for i, frame in enumerate(scene.frames):
-        write_jpeg(out / "color" / f"{i}.jpg", frame)
+        image, depth = out / "color" / f"{i}.jpg", out / "depth" / f"{i}.png"
+        write_jpeg(image, frame)
+        if depth_camera is None:
+            write_depth(depth, frame)
+        elif frame.depth_path is not None:
+            _, png = cv2.imencode(".png", Registration(pinhole, depth_camera)(depth_mm(frame)))
+            write_atomic(depth, png.tobytes())
         world_from_cam = _four_by_four(frame.camera.R_cam_from_world.T)
         world_from_cam[:3, 3] = frame.camera.center_world
         texts[out / "pose" / f"{i}.txt"] = _text(world_from_cam)
-        if frame.depth_path is not None:
-            depth_mm = np.nan_to_num(np.rint(read_depth(frame) * MM_PER_UNIT)).clip(0, SATURATED - 1).astype(np.uint16)
-            _, png = cv2.imencode(".png", to_sensor(depth_mm))
-            write_atomic(out / "depth" / f"{i}.png", png.tobytes())
-    renamed = [replace(frame, name=f"{i}.jpg") for i, frame in enumerate(scene.frames)]
-    write_annotations(out / NATIVE_FILE, renamed, scene.key_frames)
-    names = {
-        (k, e): (renamed[key_frame.frame].name, element.id)
-        for k, key_frame in enumerate(scene.key_frames)
-        for e, element in enumerate(key_frame.elements)
-    }
-    write_truth(out, scene, names)
+        written.append(Frame(image.name, image, frame.camera))
     write_all_atomic(texts)
+    return tuple(written)
 
 
 def _detect(root: Path) -> list[Path]:
@@ -143,7 +136,13 @@ def _intrinsics(root: Path, path: Path) -> tuple[FloatArray, FloatArray, bool]:
     """(3, 3) intrinsics of the image and of the depth map, and whether these have different poses."""
     if path.name != "pose":
         here, above = root / "camera-intrinsics.txt", root.resolve().parent / "camera-intrinsics.txt"
-        K = _camera_matrix(here if here.exists() or not above.exists() else above, 3)
+        if not here.exists() and not above.exists():
+            # 7-Scenes comes without; 525 is what its users take for the colour camera, 585 the depth camera's own.
+            raise GtlayoutError(
+                f"no intrinsics for the frames in {root}: write {here} with the image's 3x3 matrix, three lines "
+                "'fx 0 cx', '0 fy cy', '0 0 1' (for 7-Scenes '525 0 320', '0 525 240', '0 0 1')"
+            )
+        K = _camera_matrix(here if here.exists() else above, 3)
         return K, K, False
     folder = root / "intrinsic"
     K = _camera_matrix(folder / "intrinsic_color.txt", 4) + HALF_PX

@@ -14,7 +14,10 @@ import pycolmap
 from gtlayout.errors import GtlayoutError
 from gtlayout.scene import FloatArray
 
-PINHOLE_MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
+PINHOLE_MODELS = (
+    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"),
+    *("SIMPLE_DIVISION", "DIVISION"),
+)
 """Models that are a pinhole when their coefficients are zero; a fisheye or a panorama never is, though COLMAP calls
 it undistorted then."""
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.scene_writers import AnnotationFormat, CameraFormat
 from gtlayout.synth.errors import AnnotatorErrors, CameraErrors, NotNegative, Share
 from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import RoomKind
-
-SceneFormat = Literal["native", "colmap", "cad-estate", "scannet"]
 
 HFOV_DEG = 65.0
 """When nobody says otherwise: a phone's video."""
@@ -34,8 +33,10 @@ class SynthConfig:
 
     seed: Annotated[int, Parameter(validator=NotNegative)] = 0
     """Everything random follows from it; the same seed gives the same bytes."""
-    format: SceneFormat = "native"
-    """How the scene is written: nerfstudio (native) or COLMAP cameras with our annotations, or as a data set."""
+    camera_format: CameraFormat = "native"
+    """How images and cameras are written; native = nerfstudio's transforms.json."""
+    annotation_format: AnnotationFormat = "native"
+    """How annotations are written, with cameras of whatever format."""
     room: Annotated[RoomKind, Parameter(group=WORLD)] = "box"
     """Kind of floor plan or ceiling."""
     texture: Annotated[float, Parameter(group=WORLD, validator=Share)] = 1.0

@@ -11,17 +11,17 @@ import cv2
 import numpy as np
 
 from gtlayout.io import SCENE_FILE, load_scene
-from gtlayout.io.cad_estate_export import write_cad_estate
-from gtlayout.io.colmap import write_colmap
+from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.files import new_folder, write_atomic, write_json_atomic
 from gtlayout.io.native import write_annotations
+from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.nerfstudio import write_transforms
 from gtlayout.io.re10k import read_cameras
-from gtlayout.io.scannet import write_scannet
+from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.truth import FILE as TRUTH_FILE
-from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame, Scene
+from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame
 from gtlayout.synth.annotate import annotate
-from gtlayout.synth.config import HFOV_DEG, SceneFormat, SynthConfig
+from gtlayout.synth.config import HFOV_DEG, SynthConfig
 from gtlayout.synth.errors import disturb, disturb_cameras
 from gtlayout.synth.extents import seen_extents
 from gtlayout.synth.images import cameras_along, developed, encoded, exposures, gains, picture
@@ -32,11 +32,6 @@ from gtlayout.synth.room import Room, make_room
 
 MAX_DEPTH_M = 65.0
 """As far as 16 bits of millimetres reach."""
-EXPORTERS: dict[SceneFormat, Callable[[Scene, Path], None]] = {
-    "cad-estate": write_cad_estate,
-    "scannet": write_scannet,
-}
-"""Formats that are made from a native scene; each carries the truth along under its own names."""
 
 
 @dataclass(frozen=True)
@@ -59,13 +54,12 @@ def synthesize(
     Raises GtlayoutError when ``out`` is not an empty or new folder or cannot be written, and when the recorded path to
     replay cannot be read.
     """
-    with new_folder(out) as scene:
-        if config.format not in EXPORTERS:
-            _write_scene(scene, config, progress)
-            return
-        with tempfile.TemporaryDirectory(dir=scene.parent) as native:
-            _write_scene(Path(native), config, progress)
-            EXPORTERS[config.format](load_scene(Path(native)), scene)
+    with new_folder(out) as folder, tempfile.TemporaryDirectory(dir=folder.parent) as aside:
+        native = (config.camera_format, config.annotation_format) == ("native", "native")
+        made = folder if native else Path(aside)
+        _write_scene(made, config, progress)
+        if not native:
+            write_scene(load_scene(made), folder, config.camera_format, config.annotation_format)
 
 
 def shoot(room: Room, config: SynthConfig) -> Shot:
@@ -118,11 +112,8 @@ def _write_scene(root: Path, config: SynthConfig, progress: Callable[[int, int],
             depth_mm = np.rint(np.where(hits.depth < MAX_DEPTH_M, hits.depth, 0) * 1000).astype(np.uint16)
             write_atomic(root / "depth" / f"{number:06d}.png", encoded(".png", depth_mm))
         progress(number + 1, config.frames)
-    if config.format == "colmap":
-        write_colmap(root / "sparse/0", frames)
-    else:
-        write_transforms(root / "transforms.json", frames)
-    write_annotations(root / "annotations.json", frames, key_frames)
+    write_transforms(root / TRANSFORMS_FILE, frames)
+    write_annotations(root / NATIVE_FILE, frames, key_frames)
     write_json_atomic(root / SCENE_FILE, {"metric": True})
     elements = {
         frames[drawn.frame].name: {element.id: names[element.id] for element in drawn.elements}

@@ -1,0 +1,64 @@
+"""Values out of an annotation tool's file, checked: wrong ones are told in words, none becomes something huge."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from gtlayout.io.files import printable
+from gtlayout.io.native import MAX_PX
+from gtlayout.scene import FloatArray
+
+NO_OCCLUSION_EDGES = "no occlusion edges, so neighbours are taken to touch everywhere"
+"""What is told of formats without them."""
+MAX_NAME = 1000
+"""Signs; longer ones are no names."""
+
+
+class UnusableError(Exception):
+    """A shape that cannot be used; says why, as what follows after "polygon" or "annotation"."""
+
+
+@dataclass
+class Dropped:
+    """What was left out, and where first."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+
+    def add(self, what: str, where: str) -> None:
+        """Count one more ``what``."""
+        self.counts[what] += 1
+        self.first.setdefault(what, where)
+
+    def lines(self, file: str) -> list[str]:
+        """One line per kind."""
+        return [f"{file}: {what}: {n} dropped, first in {self.first[what]}" for what, n in self.counts.items()]
+
+
+def name(value: Any) -> str | None:
+    """A name as text; None when it is empty or no name. Numbers, which some tools make of names, become text again."""
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        return None
+    text = printable(str(value)).strip()
+    return text if 0 < len(text) <= MAX_NAME else None
+
+
+def image_size(width: Any, height: Any) -> tuple[int, int] | None:
+    """(width, height) px; None when the file does not say it, which some tools do with 0."""
+    if type(width) is int and type(height) is int and 0 < width <= MAX_PX and 0 < height <= MAX_PX:
+        return width, height
+    return None
+
+
+def points(values: Any) -> FloatArray:
+    """(N, 2) px from a list x, y, x, y, …; raises UnusableError."""
+    numbers = isinstance(values, list) and all(type(v) in (int, float) and abs(v) <= MAX_PX for v in values)
+    if not numbers or len(values) % 2:
+        raise UnusableError(": points are no pairs of finite numbers")
+    return np.array(values, dtype=np.float64).reshape(-1, 2)

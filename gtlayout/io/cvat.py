@@ -1,0 +1,179 @@
+"""CVAT's own XML, "CVAT for images 1.1" and "CVAT for video 1.1", read.
+
+Facts are from CVAT's documentation ("XML annotation format") and its exporter (``cvat/apps/dataset_manager``:
+``formats/cvat.py``, ``bindings.py``)."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree.ElementTree import Element as Node
+
+from defusedxml import DefusedXmlException
+from defusedxml import ElementTree as DefusedTree
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotation_files import files_of_kind
+from gtlayout.io.cvat_shapes import UnusableError, geometry, whole_number
+from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
+
+VIDEO_FRAME = re.compile(r"frame_(\d{6,9})")
+"""What CVAT calls a frame of a video; images keep their file names, which have an ending."""
+
+
+@dataclass(frozen=True)
+class _Sequence:
+    """The images of a task or job: CVAT numbers them by where they lie in the video or folder they were taken from."""
+
+    length: int | None = None
+    start: int = 0
+    step: int = 1
+    size: tuple[int, int] | None = None
+    """(width, height) px of a video."""
+
+    def number(self, frame: int) -> int | None:
+        """Place of CVAT's frame number among the images of the task or job, from 0."""
+        place, off = divmod(frame - self.start, self.step)
+        return place if not off and place >= 0 else None
+
+
+@dataclass
+class _Skipped:
+    """What was left out, and where first."""
+
+    counts: Counter[str] = field(default_factory=Counter)
+    first: dict[str, str] = field(default_factory=dict)
+
+    def add(self, what: str, where: str) -> None:
+        self.counts[what] += 1
+        self.first.setdefault(what, where)
+
+    def lines(self, file: str) -> list[str]:
+        return [f"{file}: {n} x {what} dropped, first in {self.first[what]}" for what, n in self.counts.items()]
+
+
+def read_cvat(_root: Path, path: Path) -> RawAnnotations:
+    """Read an export of a task or job; images without a shape are no key frames.
+
+    Of tracks, key frames are those in which a shape was drawn: there interpolated shapes of other tracks count, and a
+    warning says how many. ``RawKeyFrame.number`` counts the images of the task or job. Shapes that are broken or of
+    another type are dropped with a warning per kind. Raises GtlayoutError when the file is no such XML, or declares a
+    document type or entities.
+    """
+    root = _parse(path)
+    sequence, skipped = _sequence(root), _Skipped()
+    of_images = _images(root, sequence, skipped)
+    of_tracks, interpolated = _tracks(root, sequence, skipped)
+    warnings = skipped.lines(path.name)
+    if interpolated:
+        warnings.append(
+            f"{path.name}: {interpolated} shapes in key frames were interpolated by CVAT, not drawn: check them"
+        )
+    return RawAnnotations(path, (*of_images, *of_tracks), tuple(warnings), sequence.length)
+
+
+def _parse(path: Path) -> Node:
+    try:
+        root = DefusedTree.parse(path, forbid_dtd=True).getroot()
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except DefusedXmlException as error:
+        raise GtlayoutError(f"{path} declares a document type or entities, which CVAT never does: not read") from error
+    except (DefusedTree.ParseError, ValueError, LookupError) as error:  # the last two: encodings
+        raise GtlayoutError(f"{path} is not valid XML: {error}") from error
+    if root is None or root.tag != "annotations":
+        raise GtlayoutError(f"{path} is no CVAT file: its outermost element is not <annotations>")
+    return root
+
+
+def _sequence(root: Node) -> _Sequence:
+    """Of a project, which has several tasks, nothing is known."""
+    about = [node for tag in ("task", "job") for node in root.findall(f"meta//{tag}")]
+    if len(about) != 1:
+        return _Sequence()
+    step = re.search(r"step\s*=\s*(\d{1,9})", about[0].findtext("frame_filter") or "")
+    width, height = (whole_number(about[0].findtext(f"original_size/{side}")) for side in ("width", "height"))
+    return _Sequence(
+        whole_number(about[0].findtext("size")),
+        whole_number(about[0].findtext("start_frame")) or 0,
+        max(int(step[1]), 1) if step else 1,
+        (width, height) if width and height else None,
+    )
+
+
+def _images(root: Node, sequence: _Sequence, skipped: _Skipped) -> list[RawKeyFrame]:
+    key_frames = []
+    for image in root.findall("image"):
+        name, size = _line(image.get("name", "")), (whole_number(image.get("width")), whole_number(image.get("height")))
+        if not name or (size != (None, None) and not all(size)):
+            skipped.add("image without a name or with a broken size", name or _line(f"image {image.get('id')}"))
+            continue
+        width, height = size
+        annotated = (width, height) if width and height else None
+        shapes = [_shape(node, None, name, skipped) for node in image if node.get("outside") != "1"]
+        video = VIDEO_FRAME.fullmatch(name)
+        number = sequence.number(int(video[1])) if video else None
+        if found := tuple(shape for shape in shapes if shape is not None):
+            key_frames.append(RawKeyFrame(name, found, annotated, number))
+    return key_frames
+
+
+def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[RawKeyFrame], int]:
+    """Key frames, in order, and how many of their shapes were interpolated. A project's tasks are kept apart."""
+    there: dict[tuple[str, int], list[tuple[Node, Node]]] = defaultdict(list)
+    drawn: set[tuple[str, int]] = set()
+    for track in root.findall("track"):
+        for node in track:
+            frame = whole_number(node.get("frame"))
+            if frame is None:
+                skipped.add("shape of a track with a broken frame number", _line(f"track {track.get('id')}"))
+            elif node.get("outside") != "1":
+                there[track.get("task_id", ""), frame].append((track, node))
+                if node.get("keyframe") == "1":
+                    drawn.add((track.get("task_id", ""), frame))
+    key_frames, interpolated = [], 0
+    for task, frame in sorted(drawn):
+        name = f"frame_{frame:06d}"
+        shapes = []
+        for track, node in there[task, frame]:
+            if (shape := _shape(node, track, name, skipped)) is not None:
+                shapes.append(shape)
+                interpolated += node.get("keyframe") != "1"
+        if shapes:
+            key_frames.append(RawKeyFrame(name, tuple(shapes), sequence.size, sequence.number(frame)))
+    return key_frames, interpolated
+
+
+def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> RawShape | None:
+    """None when it is left out. In a track, label and group are the track's, so is an id where none is written."""
+    try:
+        polygons, lines = geometry(node)
+        z_order = int(node.get("z_order", 0))
+    except UnusableError as error:
+        skipped.add(f"{node.tag}{error}", where)
+        return None
+    except (ValueError, OverflowError, TypeError):
+        skipped.add(f"{node.tag} with a missing or broken number", where)
+        return None
+    owner = node if track is None else track
+    said = {each.get("name", "").casefold(): _line(each.text or "").strip() for each in node.iterfind("attribute")}
+    group = _line(owner.get("group_id", "0"))
+    return RawShape(
+        _line(owner.get("label", "")),
+        polygons,
+        lines,
+        id=said.get("id") or (None if track is None else _line(f"track_{track.get('id')}")),
+        element=said.get("element") or None,
+        group=None if group == "0" else group,
+        z_order=z_order,
+    )
+
+
+def _line(text: str) -> str:
+    """What is quoted in messages must not break their line."""
+    return re.sub(r"\s", " ", text)
+
+
+READER = Reader("CVAT", "CVAT's annotations.xml", files_of_kind("cvat"), read_cvat)

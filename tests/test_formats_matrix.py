@@ -1,0 +1,151 @@
+"""One room in every format of cameras with every format of annotations: the same cameras, the same planes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from camera_writers import CameraWriter, write_colmap_binary, writer_of
+from label_studio_writer import write_label_studio
+
+from gtlayout.config import Config
+from gtlayout.io import SCENE_FILE, load_scene
+from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_writers import (
+    ANNOTATION_WRITERS,
+    CAMERA_WRITERS,
+    METRIC_FORMATS,
+    AnnotationWriter,
+    write_scene,
+    write_to,
+)
+from gtlayout.io.truth import read_truth
+from gtlayout.layout import Layout
+from gtlayout.method import solve
+from gtlayout.scene import OPENINGS, Scene
+from gtlayout.synth import SynthConfig, synthesize
+
+CAMERAS: dict[str, CameraWriter] = {
+    **{str(name): write for name, write in CAMERA_WRITERS.items()},
+    "colmap-binary": write_colmap_binary,
+    **{name: writer_of(name) for name in ("seven_scenes", "arkitscenes", "polycam")},
+}
+METRIC = {*METRIC_FORMATS, "seven_scenes", "arkitscenes", "polycam"}
+ANNOTATIONS: dict[str, AnnotationWriter] = {
+    **{str(name): write for name, write in ANNOTATION_WRITERS.items()},
+    "label-studio": write_to("label_studio.json", write_label_studio),
+}
+SAME = 1e-6
+"""Of poses, intrinsics and normals; of d relative to 1 m."""
+ROUNDING: dict[str, tuple[float, float]] = {
+    # annotations: degrees, metres
+    "coco": (0.5, 0.02),
+    "labelme": (1e-9, 1e-9),
+    "label-studio": (1e-9, 1e-9),
+    "cad-estate": (0.5, 0.02),
+}
+"""How far planes may be off those of the native annotations: what a format rounds, or cannot say."""
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """Small, and quick to solve; exact cameras, and the usual errors of a hand."""
+    folder = tmp_path_factory.mktemp("matrix") / "room"
+    synthesize(folder, SynthConfig(frames=16, key_every=5, width=320, height=240, oversample=1))
+    return load_scene(folder)
+
+
+@pytest.fixture(scope="module")
+def solved(original: Scene, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, str], tuple[Scene, Layout]]:
+    """The room in these formats, written, read and solved; each once."""
+    done: dict[tuple[str, str], tuple[Scene, Layout]] = {}
+
+    def solve_once(cameras: str, annotations: str) -> tuple[Scene, Layout]:
+        if (cameras, annotations) not in done:
+            folder = tmp_path_factory.mktemp("formats") / "room_0"
+            scene = load_scene(_write(original, folder, cameras, annotations))
+            done[cameras, annotations] = scene, solve(scene, Config()).layout
+        return done[cameras, annotations]
+
+    return solve_once
+
+
+@pytest.mark.parametrize(("cameras", "annotations"), list(product(CAMERAS, ANNOTATIONS)))
+def test_every_format_says_the_same(
+    original: Scene,
+    solved: Callable[[str, str], tuple[Scene, Layout]],
+    cameras: str,
+    annotations: str,
+) -> None:
+    scene, layout = solved(cameras, annotations)
+    assert scene.metric
+    for frame, expected in zip(scene.frames, original.frames, strict=True):
+        for name in ("K", "R_cam_from_world", "t_cam_from_world"):
+            np.testing.assert_allclose(
+                getattr(frame.camera, name), getattr(expected.camera, name), rtol=0, atol=SAME, err_msg=name
+            )
+    assert [key_frame.frame for key_frame in scene.key_frames] == [key_frame.frame for key_frame in original.key_frames]
+    reference = solved("native", annotations)[1]
+    angle_deg, offset_m = _difference(layout, reference)
+    assert len(layout.planes) == len(reference.planes)
+    print(cameras, annotations, angle_deg, offset_m)
+    assert np.deg2rad(angle_deg) < SAME
+    assert offset_m < SAME
+
+
+@pytest.mark.parametrize("annotations", [name for name in ANNOTATIONS if name != "native"])
+def test_annotations_differ_by_their_rounding(
+    solved: Callable[[str, str], tuple[Scene, Layout]], annotations: str
+) -> None:
+    _, layout = solved("native", annotations)
+    angle_deg, offset_m = _difference(layout, solved("native", "native")[1])
+    print(annotations, angle_deg, offset_m, len(layout.planes))
+    most_deg, most_m = ROUNDING[annotations]
+    assert angle_deg < most_deg
+    assert offset_m < most_m
+
+
+@pytest.mark.parametrize("annotations", ANNOTATION_WRITERS)
+def test_truth_goes_along(
+    original: Scene, solved: Callable[[str, str], tuple[Scene, Layout]], annotations: str
+) -> None:
+    assert _drawn_of_each_plane(solved("native", annotations)[0]) == {
+        plane: count
+        for plane, count in _drawn_of_each_plane(original).items()
+        if annotations != "cad-estate" or not plane.startswith(tuple(OPENINGS))
+    }
+
+
+def _write(scene: Scene, out: Path, cameras: str, annotations: str) -> Path:
+    if cameras in CAMERA_WRITERS and annotations in ANNOTATION_WRITERS:
+        write_scene(scene, out, cameras, annotations)
+    else:
+        ANNOTATIONS[annotations](replace(scene, frames=CAMERAS[cameras](scene, out)), out)
+        if cameras not in METRIC:
+            write_json_atomic(out / SCENE_FILE, {"metric": True})
+    return out
+
+
+def _difference(layout: Layout, expected: Layout) -> tuple[float, float]:
+    """The largest angle (degrees) and distance (of d) between planes of ``layout`` and the nearest ones expected."""
+    worst = np.zeros(2)
+    for instance, plane in zip(layout.instances, layout.planes, strict=True):
+        assert plane is not None
+        differences = [
+            (np.rad2deg(np.linalg.norm(plane.normal - other.normal)), abs(plane.d - other.d))
+            for same, other in zip(expected.instances, expected.planes, strict=True)
+            if other is not None and same.label == instance.label
+        ]
+        worst = np.maximum(worst, min(differences, key=sum))
+    return float(worst[0]), float(worst[1])
+
+
+def _drawn_of_each_plane(scene: Scene) -> Counter[str]:
+    truth = read_truth(scene)
+    assert truth is not None
+    return Counter(truth.elements.values())
