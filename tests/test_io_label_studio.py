@@ -23,7 +23,7 @@ from gtlayout.scene import BoolArray, Element, FloatArray, KeyFrame
 
 SIZE = (64, 48)
 CONFIG = """<View><Image name="image" value="$image"/>
-<PolygonLabels name="label" toName="image"><Label value="wall"/><Label value="floor"/></PolygonLabels>
+<PolygonLabels name="polygon" toName="image"><Label value="wall"/><Label value="floor"/></PolygonLabels>
 <BrushLabels name="brush" toName="image"><Label value="wall"/></BrushLabels></View>"""
 
 
