@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -63,6 +63,36 @@ class Camera:
         return homogeneous @ (np.linalg.inv(self.K).T @ self.R_cam_from_world)
 
 
+class VideoSource(Protocol):
+    """A video file, read by ``gtlayout.io.video``."""
+
+    path: Path
+
+    @property
+    def width(self) -> int:
+        """Of its frames, px."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Of its frames, px."""
+        ...
+
+    def frame(self, index: int) -> ImageArray:
+        """(H, W, 3) uint8 BGR. Raises GtlayoutError when it cannot be decoded."""
+        ...
+
+
+@dataclass(frozen=True)
+class VideoFrame:
+    """One frame of a video file that stands in for an image file."""
+
+    video: VideoSource
+    """One object for all frames of a file."""
+    index: int
+    """In order of presentation, from 0 on."""
+
+
 @dataclass(frozen=True)
 class Frame:
     """One video frame with a known camera."""
@@ -70,6 +100,7 @@ class Frame:
     name: str
     """The image's file name as the annotations call it."""
     image_path: Path
+    """The image file; where ``video`` is given there is none, and this is only what it would be called."""
     camera: Camera
     undistort: Callable[[ImageArray], ImageArray] | None = None
     """Resamples the image file (or its depth map) to ``camera``; None when the file is pinhole already."""
@@ -77,6 +108,8 @@ class Frame:
     """Depth along z in uint16 millimetres, 0 = none; None when the scene has no depth for this frame."""
     register_depth: Callable[[npt.NDArray[np.uint16]], npt.NDArray[np.uint16]] | None = None
     """Resamples the depth map, which has a camera of its own, to ``camera``; None when it is like the image file."""
+    video: VideoFrame | None = None
+    """Where the pixels are when there is no image file; read with ``gtlayout.io.images`` like any other."""
 
 
 @dataclass(frozen=True)

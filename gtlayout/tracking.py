@@ -96,13 +96,14 @@ def track(
         GtlayoutError: an annotated image cannot be read.
     """
     tracker = tracker or KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
-    images = _ImageCache(scene, 2 * config.max_frames + 2)
+    images = _ImageCache(scene, config.max_frames)
     sampler = qmc.Sobol(d=2, seed=seed)
     key_frames, elements, sigmas, tried = [], [], [], []
     tracks, frames, points = [], [], []
     count = 0
     for k, key_frame in enumerate(scene.key_frames):
         progress(k, len(scene.key_frames))
+        images.move_to(key_frame.frame)
         image = images(key_frame.frame)
         if image is None:
             raise GtlayoutError(f"{images.errors[key_frame.frame]}; it is annotated: mend it or remove its annotation")
@@ -353,19 +354,36 @@ def _inside(points_px: FloatArray, camera: Camera, border_px: float) -> BoolArra
 class _ImageCache:
     """Grey images by frame, decoded once while they are in reach of a key frame; None where unreadable."""
 
-    def __init__(self, scene: Scene, size: int) -> None:
+    def __init__(self, scene: Scene, reach: int) -> None:
         self._scene = scene
-        self._size = size
-        self._images: dict[int, ImageArray | None] = {}
+        self._reach = reach
+        self._images: dict[int, ImageArray | str] = {}
         self.errors: dict[int, str] = {}
+        """Of the images that were asked for."""
+
+    def move_to(self, key: int) -> None:
+        """Hold only what is in reach of frame ``key``; key frames come in order, so the rest is done with.
+
+        A video is decoded forward only: what tracking backward will ask for is read now.
+        """
+        first = key - self._reach
+        self._images = {frame: image for frame, image in self._images.items() if frame >= first}
+        for frame in range(max(0, first), key):
+            if self._scene.frames[frame].video is not None:
+                self._read(frame)
 
     def __call__(self, frame: int) -> ImageArray | None:
+        image = self._read(frame)
+        if isinstance(image, str):
+            self.errors[frame] = image
+            return None
+        return image
+
+    def _read(self, frame: int) -> ImageArray | str:
+        """The image, or why there is none."""
         if frame not in self._images:
-            if len(self._images) >= self._size:
-                del self._images[next(iter(self._images))]
             try:
                 self._images[frame] = read_gray(self._scene.frames[frame])
             except GtlayoutError as error:
-                self._images[frame] = None
-                self.errors[frame] = str(error)
+                self._images[frame] = str(error)
         return self._images[frame]

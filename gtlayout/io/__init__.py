@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import arkitscenes, cad_estate, colmap, native, nerfstudio, polycam, scannet
+from gtlayout.io import arkitscenes, cad_estate, colmap, native, nerfstudio, polycam, re10k, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
@@ -25,6 +25,7 @@ CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     scannet.READER,
     arkitscenes.READER,
     polycam.READER,
+    re10k.READER,
 )
 ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_estate.ANNOTATION_READER)
 SCENE_FILE = "scene.json"
@@ -34,9 +35,10 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
     """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. ``annotations``
-    is the file or folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where
-    ``annotated`` is false a scene without annotations is one without key frames.
+    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. For
+    cameras with timestamps (RealEstate10k, CAD-Estate) a video file in ``root`` will do. ``annotations`` is the file or
+    folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
+    a scene without annotations is one without key frames.
 
     ScanNet and phone scans are metric. Most formats do not say what their unit is: their scenes count as metric when
     depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or

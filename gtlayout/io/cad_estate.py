@@ -2,7 +2,8 @@
 
 A scene folder is a clip's folder as it is in the release, ``annotations/<clip>``, with ``frames.json``,
 ``room_structure.npz`` and ``structure_annotations/``. Its frames, ``<video>_<timestamp>.jpg``, may be where the script
-of the release puts them (``frames/<video>/`` beside ``annotations/``), or in ``<video>/`` or ``images/`` in the folder.
+of the release puts them (``frames/<video>/`` beside ``annotations/``), or in ``<video>/`` or ``images/`` in the folder;
+or the video itself lies in the folder.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
-from gtlayout.io.images import decode, size_of_first
+from gtlayout.io.images import decode
 from gtlayout.io.lenses import MAX_STRETCH, finite, lens
 from gtlayout.io.masks import mask_polygons
 from gtlayout.io.native import simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.room_structure import read_room_structure
 from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader
+from gtlayout.io.timed_images import TimedImages, find_timed_images
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
@@ -40,26 +42,26 @@ MAX_QUATERNION_ERROR = 1e-3
 
 @dataclass(frozen=True)
 class Clip:
-    """frames.json, and the size of the image files."""
+    """frames.json, and its images."""
 
     video: str
     frames: tuple[dict[str, Any], ...]
-    folder: Path
-    """Where the images are."""
-    size: tuple[int, int]
-    """(width, height) px of the image files."""
+    images: TimedImages
     scale: FloatArray
-    """(2,) x and y: pixels of the image files per pixel of the intrinsics."""
+    """(2,) x and y: pixels of the images per pixel of the intrinsics."""
 
 
 def read_frames(root: Path, path: Path) -> PosedImages:
     """Read ``frames.json``: world-to-camera, intrinsics in pixels of ``image_size``, or of the images if that is null.
 
-    Images may have another size than ``image_size``: intrinsics are scaled to them.
+    Images may have another size than ``image_size``: intrinsics are scaled to them. Without images, the frames of the
+    one video file in ``root`` are taken that are at the same times.
     Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, or not a rotation.
     """
     clip = _clip(root, path)
-    return PosedImages(tuple(_posed_image(frame, i, clip, path) for i, frame in enumerate(clip.frames)))
+    return PosedImages(
+        tuple(_posed_image(frame, i, clip, path) for i, frame in enumerate(clip.frames)), clip.images.warnings
+    )
 
 
 def read_masks(root: Path, path: Path) -> RawAnnotations:
@@ -73,7 +75,7 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
         raise GtlayoutError(f"{path} holds no mask; looked for {STRUCTURE_MASK}<video>_<timestamp>.png")
     labels = read_room_structure(root / STRUCTURE_FILE).labels
     frames_file = root / FRAMES_FILE
-    size = _clip(root, frames_file).size if frames_file.exists() else None
+    size = _clip(root, frames_file).images.size if frames_file.exists() else None
     key_frames, warnings = [], [f"{path}: masks carry no occlusion edges, so neighbours are taken to touch everywhere"]
     without_visible = []
     for mask in masks:
@@ -90,7 +92,7 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
 def image_folder(root: Path) -> Path | None:
     """The folder with a clip's images, which may lie outside ``root``; None when that is no clip with images."""
     try:
-        return _clip(root, root / FRAMES_FILE).folder
+        return _clip(root, root / FRAMES_FILE).images.paths[0].parent
     except GtlayoutError:
         return None
 
@@ -108,22 +110,17 @@ def _clip(root: Path, path: Path) -> Clip:
             raise GtlayoutError(f"{path}: frame number {i} has no timestamp in whole microseconds")
     names = [f"{match[1]}_{frame['timestamp']}.jpg" for frame in frames]
     folders = (root / match[1], root / "images", root.resolve().parent.parent / "frames" / match[1])
-    folder = next((f for f in folders if any((f / name).is_file() for name in names)), folders[0])
-    size = size_of_first([folder / name for name in names])
-    if size is None:
-        raise GtlayoutError(
-            f"{path}: no image that can be read for any of {len(frames)} frames; looked for {folder / names[0]}"
-        )
+    images = find_timed_images(root, folders, names, [frame["timestamp"] for frame in frames], path)
     scale = np.ones(2)
     if data.get("image_size") is not None:
         height, width = _numbers(data["image_size"], 2, f"{path}: image_size")
         if min(width, height) < 1:
             raise GtlayoutError(f"{path}: image_size must be [height, width] in pixels")
-        scale = np.array(size) / (width, height)
+        scale = np.array(images.size) / (width, height)
         if abs(scale[0] / scale[1] - 1) > MAX_STRETCH:
-            said, found = f"{width:g}x{height:g}", f"{size[0]}x{size[1]}"
-            raise GtlayoutError(f"{path}: image_size is {said} (width x height) but images in {folder} are {found}")
-    return Clip(match[1], tuple(frames), folder, size, scale)
+            said, found = f"{width:g}x{height:g}", f"{images.size[0]}x{images.size[1]}"
+            raise GtlayoutError(f"{path}: image_size is {said} (width x height) but the images are {found}")
+    return Clip(match[1], tuple(frames), images, scale)
 
 
 def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> PosedImage:
@@ -141,10 +138,11 @@ def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> P
     scale_x, scale_y = clip.scale
     return PosedImage(
         name,
-        clip.folder / name,
-        lens("PINHOLE", clip.size, [fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y], where),
+        clip.images.paths[index],
+        lens("PINHOLE", clip.images.size, [fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y], where),
         np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64),
         np.array(_numbers(pose.get("translation"), 3, f"{where}: translation")),
+        video=clip.images.video_frames[index],
     )
 
 

@@ -22,7 +22,7 @@ def write_jpeg(path: Path, frame: Frame) -> None:
 
     Raises GtlayoutError when the image cannot be read or written.
     """
-    if frame.undistort is None and frame.image_path.suffix.lower() in (".jpg", ".jpeg"):
+    if frame.video is None and frame.undistort is None and frame.image_path.suffix.lower() in (".jpg", ".jpeg"):
         try:
             write_atomic(path, frame.image_path.read_bytes())
         except OSError as error:

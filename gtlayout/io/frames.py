@@ -26,7 +26,7 @@ MAX_POSITION = 1e9
 def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame, ...], tuple[str, ...], list[str]]:
     """Frames in natural order of their names, the names of cameras without an image file, and warnings.
 
-    One image per image size is decoded, to compare sizes; whether the others can be read shows when they are used.
+    To compare sizes, one image per image size is decoded; whether the others can be read shows when they are used.
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
     a camera is nowhere, or the images do not have the size that their camera says.
     """
@@ -34,8 +34,8 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     for previous, image in pairwise(ordered):
         if previous.name == image.name:
             raise GtlayoutError(f"{root}: two cameras for one image, {image.name}")
-    present = [image for image in ordered if image.image_path.is_file()]
-    missing = [image for image in ordered if not image.image_path.is_file()]
+    present = [image for image in ordered if image.is_there]
+    missing = [image for image in ordered if not image.is_there]
     if not present:
         looked_for = missing[0].image_path
         raise GtlayoutError(
@@ -84,6 +84,7 @@ def _frame(root: Path, image: PosedImage) -> Frame:
         Registration(image.depth_camera, Pinhole(camera.K, camera.width, camera.height))
         if image.depth_camera
         else None,
+        image.video,
     )
 
 
@@ -97,14 +98,17 @@ def _check_sizes(images: Sequence[PosedImage]) -> None:
         expected = (image.camera.width, image.camera.height)
         if expected in checked:
             continue
-        try:
-            height, width = decode(image.image_path, cv2.IMREAD_GRAYSCALE).shape
-        except GtlayoutError:
-            continue  # The tracker counts unreadable images; another one shows the size.
+        path = image.image_path
+        if image.video is not None:
+            path, width, height = image.video.video.path, image.video.video.width, image.video.video.height
+        else:
+            try:
+                height, width = decode(path, cv2.IMREAD_GRAYSCALE).shape
+            except GtlayoutError:
+                continue  # The tracker counts unreadable images; another one shows the size.
         if (width, height) != expected:
             raise GtlayoutError(
-                f"{image.image_path} is {width}x{height} px but its camera says {expected[0]}x{expected[1]}: "
-                "scale one to the other"
+                f"{path} is {width}x{height} px but its camera says {expected[0]}x{expected[1]}: scale one to the other"
             )
         checked.add(expected)
 

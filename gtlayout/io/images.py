@@ -21,13 +21,13 @@ SATURATED = np.iinfo(np.uint16).max
 
 def read_rgb(frame: Frame) -> ImageArray:
     """(H, W, 3) uint8 RGB, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    bgr = _to_camera(decode(frame.image_path, cv2.IMREAD_COLOR), frame, frame.image_path, None)
+    bgr = _to_camera(_stored(frame, cv2.IMREAD_COLOR), frame, _source(frame), None)
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
 def read_gray(frame: Frame) -> ImageArray:
     """(H, W) uint8, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    image = _to_camera(decode(frame.image_path, cv2.IMREAD_GRAYSCALE), frame, frame.image_path, None)
+    image = _to_camera(_stored(frame, cv2.IMREAD_GRAYSCALE), frame, _source(frame), None)
     return image.astype(np.uint8, copy=False)
 
 
@@ -42,7 +42,7 @@ def read_depth(frame: Frame) -> npt.NDArray[np.float32]:
     raw = decode(frame.depth_path, cv2.IMREAD_UNCHANGED)
     if raw.dtype != np.uint16 or raw.ndim != 2:
         raise GtlayoutError(f"{frame.depth_path} is no depth map: 16-bit grey is expected")
-    depth_mm = _to_camera(raw, frame, frame.depth_path, frame.register_depth)
+    depth_mm = _to_camera(raw, frame, str(frame.depth_path), frame.register_depth)
     measured = (depth_mm > 0) & (depth_mm < SATURATED)
     return np.where(measured, depth_mm / np.float32(MM_PER_UNIT), np.float32(np.nan)).astype(np.float32)
 
@@ -77,16 +77,31 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
     return image
 
 
+def _stored(frame: Frame, mode: int) -> npt.NDArray[Any]:
+    """The pixels as in the image file or the video, in colour (BGR) or grey as ``mode`` says."""
+    if frame.video is None:
+        return decode(frame.image_path, mode)
+    bgr = frame.video.video.frame(frame.video.index)
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY) if mode == cv2.IMREAD_GRAYSCALE else bgr
+
+
+def _source(frame: Frame) -> str:
+    """What to call the place the pixels come from."""
+    return f"{frame.video.video.path}, frame {frame.video.index}" if frame.video else str(frame.image_path)
+
+
 def _to_camera(
-    image: npt.NDArray[Any], frame: Frame, path: Path, register: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
+    image: npt.NDArray[Any], frame: Frame, source: str, register: Callable[[npt.NDArray[Any]], npt.NDArray[Any]] | None
 ) -> npt.NDArray[Any]:
     resample = register or frame.undistort
     if resample is not None:
         try:
             return resample(image)
         except GtlayoutError as error:
-            raise GtlayoutError(f"{path}: {error}") from error
+            raise GtlayoutError(f"{source}: {error}") from error
     height, width = image.shape[:2]
     if (width, height) != (frame.camera.width, frame.camera.height):
-        raise GtlayoutError(f"{path}: {width}x{height} px, its camera says {frame.camera.width}x{frame.camera.height}")
+        raise GtlayoutError(
+            f"{source}: {width}x{height} px, its camera says {frame.camera.width}x{frame.camera.height}"
+        )
     return image

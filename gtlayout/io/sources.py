@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import pycolmap
 
 from gtlayout.io.registration import Pinhole
-from gtlayout.scene import FloatArray
+from gtlayout.scene import FloatArray, VideoFrame
 
 T = TypeVar("T")
 
@@ -25,7 +25,7 @@ class PosedImage:
     name: str
     """Relative to the image folder, with forward slashes."""
     image_path: Path
-    """Where the image should be; it may be missing."""
+    """Where the image should be; it may be missing, and is where ``video`` is given."""
     camera: pycolmap.Camera
     """Lens model of the image file: any of COLMAP's, pixel centres at +0.5."""
     R_cam_from_world: FloatArray
@@ -36,6 +36,13 @@ class PosedImage:
     """Depth map the camera file names for it; None = look in ``depth/``."""
     depth_camera: Pinhole | None = None
     """Camera of the depth map, with the image's pose; None = the depth map is like the image file."""
+    video: VideoFrame | None = None
+    """Where the pixels are when there is no image file."""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is an image file, or a frame of a video instead."""
+        return self.video is not None or self.image_path.is_file()
 
 
 @dataclass(frozen=True)
