@@ -185,7 +185,7 @@ def test_what_is_wrong_is_one_clear_line(wrong: str, tmp_path: Path) -> None:
     says = {
         "two videos": r"more than one video: .*v\.mp4, .*w\.MOV",
         "no video": r"clip\.txt: no image .* 12 frames; looked for .*images/0\.jpg .* one video \(\.mp4",
-        "size": r"image_size is 160x96 but the camera of 0\.jpg says 80x96",
+        "size": r"0\.jpg was annotated at 160x96 px but its camera says 80x96",
         "damaged": r"cannot read video .*v\.mp4: damaged",
     }
     with pytest.raises(GtlayoutError, match=rf"^[^\n]*{says[wrong]}[^\n]*$"):
