@@ -115,8 +115,8 @@ def _read_trajectory(path: Path) -> tuple[FloatArray, list[FloatArray], list[str
 def _read_pincam(path: Path) -> pycolmap.Camera:
     """The camera; its principal point counts from the corner of the first pixel.
 
-    DATA.md does not say so: it is an assumption. Apple's other intrinsics count so (AVCameraCalibrationData's
-    intrinsicMatrix), and the published ones lie about the middle of the image so.
+    DATA.md does not say so: it is an assumption, from how Apple documents its intrinsic matrix elsewhere
+    (AVCameraCalibrationData).
     """
     values = _floats(_text(path))
     if values is None or len(values) != 6:
