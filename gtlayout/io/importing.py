@@ -53,7 +53,9 @@ def import_scene(
         if rate_hz is not None:
             scene, model, told = _with_colmap(source, annotations, rate_hz, Path(work), observer)
         elif source.is_file():
-            raise GtlayoutError(f"{source} has no cameras: add --colmap, or name a folder that holds it and its cameras")
+            raise GtlayoutError(
+                f"{source} has no cameras: add --colmap, or name a folder that holds it and its cameras"
+            )
         else:
             scene, told = load_scene(source, annotations, annotated=False), ()
             model = next(iter(detect_models(source)), None)
