@@ -10,6 +10,8 @@ from shapely import LineString
 
 from gtlayout.scene import Element, FloatArray, Scene
 
+MIN_KEY_FRAMES = 3
+"""What is annotated once or twice can hardly contradict itself: nothing shows where the annotation is wrong."""
 MAX_OVERLAP = 0.2
 """Share of the smaller of two elements with one label that the other may cover."""
 SAME_IOU = 0.9
@@ -23,14 +25,20 @@ MAX_STRAY_SHARE = 0.5
 
 
 def annotation_suspicions(scene: Scene) -> list[str]:
-    """Key frame by key frame what is drawn twice, outside of itself or nowhere."""
+    """Too few key frames, then what is drawn twice, outside of itself or along nothing, key frame by key frame."""
     lines = []
     for k, key_frame in enumerate(scene.key_frames):
         name = scene.frame_of(k).name
         lines += [f"{name}: {line}" for line in _drawn_twice(key_frame.elements)]
         lines += [f"{name}: {line}" for line in _visible_outside(key_frame.elements)]
         lines += [f"{name}: {line}" for line in _stray_edges(key_frame.elements, key_frame.occlusion_edges)]
-    return [*_without_visible(scene), *lines]
+    return [*_few(scene), *_without_visible(scene), *lines]
+
+
+def _few(scene: Scene) -> list[str]:
+    if len(scene.key_frames) >= MIN_KEY_FRAMES:
+        return []
+    return [f"{len(scene.key_frames)} key frame(s) only: annotate at least {MIN_KEY_FRAMES}, from different places"]
 
 
 def _without_visible(scene: Scene) -> list[str]:

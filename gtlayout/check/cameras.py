@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gtlayout.check.images import Matches
-from gtlayout.check.two_views import triangulate_pair
+from gtlayout.check.two_views import MAX_ERROR_SHARE, triangulate_pair
 from gtlayout.scene import Camera, FloatArray, Scene
 
-MAX_ERROR_SHARE = 0.01
-"""A match fits two cameras within so much of the focal length: 0.6°, three times what poor poses err by."""
-FITS = 0.7
-"""Cameras fit when so many matches do. Measured: real clips 0.97 and more, made rooms with poor poses 0.89 and more,
-poses read in a wrong way at most 0.25."""
+FITS = 0.6
+"""Cameras fit when so many matches do: in the real clips 0.97 and more, in made rooms with poor poses 0.82 and more,
+and in both at most 0.33 with cameras read in a wrong way."""
 MAX_SHIFT = 10
 """Frames by which poses may be ahead of the images or behind."""
 SHIFT_GAIN = 2.0
@@ -37,16 +35,34 @@ def _inverted(camera: Camera) -> Camera:
     return replace(camera, R_cam_from_world=camera.R_cam_from_world.T, t_cam_from_world=camera.center_world)
 
 
-Reading = Callable[[Camera], Camera]
-READINGS: dict[str, Reading] = {
-    "camera axes of the other kind (OpenGL: x right, y up, z back; OpenCV: x right, y down, z forward): "
-    "negate y and z of the camera": _axes_turned,
-    "inverted poses (world-to-camera for camera-to-world, or the other way round): invert them": _inverted,
-    # World axes are anybody's choice, so it does not matter which of the two is done first.
-    "inverted poses and camera axes of the other kind (OpenGL, OpenCV): "
-    "invert the poses and negate y and z of the camera": lambda camera: _axes_turned(_inverted(camera)),
-}
-"""What may be wrong, and what to do: how the cameras would have to be read."""
+@dataclass(frozen=True)
+class Reading:
+    """Another way to read the cameras."""
+
+    what: str
+    """What the file would then have."""
+    mend: str
+    apply: Callable[[Camera], Camera]
+
+
+AS_GIVEN = Reading("", "", lambda camera: camera)
+OTHERWISE = (
+    Reading(
+        "camera axes of the other kind (OpenGL: x right, y up, z back; OpenCV: x right, y down, z forward)",
+        "negate the camera's y and z axes",
+        _axes_turned,
+    ),
+    # Which of these two it is depends on the axes that the file's format has: inverting its poses turns the axes of the
+    # camera into the world's, which are anybody's choice.
+    *(
+        Reading(
+            "poses the other way round (camera-to-world, world-to-camera)",
+            "invert the poses, and check again whether the axes are right then",
+            apply,
+        )
+        for apply in (_inverted, lambda camera: _axes_turned(_inverted(camera)))
+    ),
+)
 
 
 def camera_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
@@ -57,19 +73,23 @@ def camera_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
     off = _better_shift(scene, matches)
     if given >= FITS and off is None:
         return []
-    what = f"the cameras explain {given:.0%} of the points followed through the images"
-    read = {why: share_explained(scene, matches, reading) for why, reading in READINGS.items()}
-    why, share = max(read.items(), key=lambda item: item[1])
+    best, share = max(((way, share_explained(scene, matches, way)) for way in OTHERWISE), key=lambda pair: pair[1])
     if given < FITS <= share:
-        return [f"{what}, and {share:.0%} with {why}"]
+        return [
+            f"the cameras fit the images only with {best.what}: {share:.0%} of the points followed through the video, "
+            f"as they are {given:.0%}; {best.mend}"
+        ]
     if off is not None:
         shift, error_px, shifted_px = off
-        later = "later" if shift > 0 else "earlier"
+        when = f"{abs(shift)} frame(s) {'later' if shift > 0 else 'earlier'}"
         return [
-            f"{what} (median error {error_px:.1f} px); with the poses of {abs(shift)} frame(s) {later} the error is "
-            f"{shifted_px:.1f} px: shift the timestamps or names of the poses against the images"
+            f"the cameras fit the images better with the poses of {when}: points followed through the video are then "
+            f"{shifted_px:.1f} px off (median), as they are {error_px:.1f} px; shift the poses' timestamps or names"
         ]
-    return [f"{what}: wrong intrinsics, poses of another video, or names or timestamps mixed up"]
+    return [
+        f"the cameras do not fit the images: they explain {given:.0%} of the points followed through the video; wrong "
+        "intrinsics, another video's poses, or names or timestamps mixed up"
+    ]
 
 
 def fits_images(scene: Scene, matches: list[Matches]) -> bool:
@@ -77,14 +97,14 @@ def fits_images(scene: Scene, matches: list[Matches]) -> bool:
     return share_explained(scene, matches) >= FITS
 
 
-def share_explained(scene: Scene, matches: list[Matches], reading: Reading = lambda camera: camera) -> float:
+def share_explained(scene: Scene, matches: list[Matches], reading: Reading = AS_GIVEN) -> float:
     """Share of the matches near the image of a point in front of both cameras: the mean of all pairs of frames."""
     return float(np.mean([np.mean(_errors(scene, m, reading=reading) < MAX_ERROR_SHARE) for m in matches]))
 
 
-def _errors(scene: Scene, matches: Matches, shift: int = 0, reading: Reading = lambda camera: camera) -> FloatArray:
+def _errors(scene: Scene, matches: Matches, shift: int = 0, reading: Reading = AS_GIVEN) -> FloatArray:
     """(N,) errors as a share of the focal length."""
-    source, target = (reading(scene.frames[i + shift].camera) for i in (matches.source, matches.target))
+    source, target = (reading.apply(scene.frames[i + shift].camera) for i in (matches.source, matches.target))
     errors_px, _ = triangulate_pair(matches, source, target)
     return errors_px / target.K[0, 0]
 

@@ -64,7 +64,6 @@ def look_through(scene: Scene, progress: Callable[[int, int], None]) -> Seen:
     same: dict[bytes, list[str]] = defaultdict(list)
     following: list[_Chain] = []
     ended: list[_Chain] = []
-    before: ImageArray | None = None
     progress(0, len(scene.frames))
     for i, frame in enumerate(scene.frames):
         try:
@@ -76,13 +75,11 @@ def look_through(scene: Scene, progress: Callable[[int, int], None]) -> Seen:
         same[hashlib.sha256(image.tobytes()).digest()].append(frame.name)
         if i in annotated and image.mean() < DARK:
             lines.append(f"{frame.name}: annotated, but nearly black")
-        if before is not None:
-            following = [chain.followed(before, image, i) for chain in following]
-            ended += [chain for chain in following if chain.ended]
-            following = [chain for chain in following if not chain.ended]
+        following = [chain.followed(image, i) for chain in following]
+        ended += [chain for chain in following if chain.ended]
+        following = [chain for chain in following if not chain.ended]
         if i in starts:
             following.append(_Chain.begun(image, i))
-        before = image
         progress(i + 1, len(scene.frames))
     lines += [
         f"{names[0]} to {names[-1]}: {len(names)} files hold the same picture; did the video stop, or its export?"
@@ -106,10 +103,12 @@ class _Chain:
     start: int
     source_px: FloatArray
     """(N, 2) in frame ``start``."""
-    points_px: FloatArray
-    """(N, 2) where they are now."""
     frame: int
     """Index of the frame they are in."""
+    image: ImageArray
+    """That frame's."""
+    points_px: FloatArray
+    """(N, 2) where they are in it."""
     survivors: int = 0
     """How many reached the frame after ``start``; 0 before that, and when it was too few."""
     ended: bool = False
@@ -121,13 +120,15 @@ class _Chain:
             image, POINTS, CORNER_QUALITY, config.corner_distance_px, blockSize=config.corner_block_px
         )
         points_px = np.empty((0, 2)) if corners is None else corners.reshape(-1, 2).astype(np.float64) + 0.5
-        return cls(frame, points_px, points_px, frame)
+        return cls(frame, points_px, frame, image, points_px)
 
-    def followed(self, image: ImageArray, next_image: ImageArray, next_frame: int) -> _Chain:
-        """The same one step on; as it was, but ended, when too few points survive the step."""
+    def followed(self, next_image: ImageArray, next_frame: int) -> _Chain:
+        """The same one step on; as it was where another camera took the image, ended when too few points survive."""
+        if next_image.shape != self.image.shape:
+            return self
         config = TrackingConfig()
         tracker = KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
-        moved, ok = tracker(image, next_image, self.points_px, self.points_px)
+        moved, ok = tracker(self.image, next_image, self.points_px, self.points_px)
         height, width = next_image.shape
         ok &= np.all((moved > config.border_px) & (moved < np.array([width, height]) - config.border_px), axis=1)
         count = int(np.count_nonzero(ok))
@@ -136,8 +137,9 @@ class _Chain:
         return _Chain(
             self.start,
             self.source_px[ok],
-            moved[ok],
             next_frame,
+            next_image,
+            moved[ok],
             self.survivors or count,
             next_frame - self.start >= MAX_STEPS,
         )

@@ -13,15 +13,13 @@ from gtlayout.scene import Camera, FloatArray, Scene
 
 MIN_OVERLAP = 0.5
 """Two neighbouring frames must show so much of the same."""
-MIN_KEY_FRAMES = 3
-"""What is annotated once or twice can hardly contradict itself, so nobody learns where the annotation is wrong."""
 GRID = 8
 """Pixels each way whose way into the next frame tells how much of the same it shows."""
 
 
 def motion_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
-    """Too little motion, jumps, key frames that stand alone, and hardly any key frames."""
-    return [*_parallax(scene, matches), *_jumps(scene, middle_inverse_depth(scene, matches)), *_few(scene)]
+    """Too little motion, jumps, and key frames that stand alone."""
+    return [*_parallax(scene, matches), *_jumps(scene, middle_inverse_depth(scene, matches))]
 
 
 def median_parallax_deg(scene: Scene, matches: list[Matches]) -> float:
@@ -84,9 +82,3 @@ def _overlap(a: Camera, b: Camera, rho: float) -> float:
     in_front = points_cam[:, 2] > 0
     x, y, _ = (points_cam @ b.K.T / np.where(in_front, points_cam[:, 2], np.nan)[:, None]).T
     return float(np.mean(in_front & (x > 0) & (x < b.width) & (y > 0) & (y < b.height)))
-
-
-def _few(scene: Scene) -> list[str]:
-    if len(scene.key_frames) >= MIN_KEY_FRAMES:
-        return []
-    return [f"{len(scene.key_frames)} key frame(s) only: annotate at least {MIN_KEY_FRAMES}, from different places"]

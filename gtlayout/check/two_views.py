@@ -8,6 +8,9 @@ from gtlayout.check.images import Matches
 from gtlayout.scene import Camera, FloatArray, Scene
 from gtlayout.triangulation import camera_path
 
+MAX_ERROR_SHARE = 0.01
+"""A match fits two cameras within so much of the focal length: 0.6°, several times what poor poses err by."""
+
 
 def triangulate_pair(matches: Matches, source: Camera, target: Camera) -> tuple[FloatArray, FloatArray]:
     """Per match the error (N,) in px of the target and the inverse depth (N,) in the source, 1 / world unit.
@@ -28,13 +31,19 @@ def triangulate_pair(matches: Matches, source: Camera, target: Camera) -> tuple[
 
 
 def middle_inverse_depth(scene: Scene, matches: list[Matches]) -> float:
-    """Median inverse depth of the matched points, 1 / world unit, from the half of the pairs with the most motion.
+    """Median inverse depth of the matches, 1 / world unit, from those pairs that fit and move more than others.
 
     0 without motion, and near 0 when that is too little to see: noise then puts half of the points beyond infinity.
     """
     if not camera_path(scene):
         return 0.0
-    pairs = [(m, scene.frames[m.source].camera, scene.frames[m.target].camera) for m in matches]
-    baselines = np.array([np.linalg.norm(a.center_world - b.center_world) for _, a, b in pairs])
-    moving = [pair for pair, baseline in zip(pairs, baselines, strict=True) if baseline >= np.median(baselines)]
-    return float(np.median(np.concatenate([triangulate_pair(*pair)[1] for pair in moving])))
+    found: list[tuple[float, FloatArray]] = []
+    for m in matches:
+        source, target = scene.frames[m.source].camera, scene.frames[m.target].camera
+        errors_px, rho = triangulate_pair(m, source, target)
+        if np.median(errors_px) < MAX_ERROR_SHARE * target.K[0, 0]:
+            found.append((float(np.linalg.norm(source.center_world - target.center_world)), rho))
+    if not found:
+        return 0.0
+    middle_baseline = np.median([baseline for baseline, _ in found])
+    return float(np.median(np.concatenate([rho for baseline, rho in found if baseline >= middle_baseline])))
