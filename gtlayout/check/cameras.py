@@ -118,7 +118,7 @@ def _better_shift(scene: Scene, matches: list[Matches]) -> tuple[int, float, flo
         if shift == 0 or 2 * len(both) < len(matches):
             continue
         given, shifted = (float(np.median([np.median(_errors(scene, m, s)) for m in both])) for s in (0, shift))
-        if given > SHIFT_GAIN * shifted and given - shifted > SHIFT_MIN_SHARE:
+        if shifted < MAX_ERROR_SHARE and given > SHIFT_GAIN * shifted and given - shifted > SHIFT_MIN_SHARE:
             found.append((shifted, shift, given))
     if not found:
         return None
