@@ -60,7 +60,7 @@ def test_hopeless_elements_are_dropped(tiny: Path, edit_json: Edit) -> None:
     scene = load_scene(tiny)
     assert [len(key.elements) for key in scene.key_frames] == [1, 1]
     text = "\n".join(scene.warnings)
-    assert "annotations.json: 2 elements with unknown label 'cupboard' dropped" in text
+    assert "annotations.json: 2 shapes with unknown label 'cupboard' dropped" in text
     assert "001.png, element off: no polygon left within the image" in text
     assert "004.png: no element annotated" in text
 
@@ -94,11 +94,11 @@ def _element(data: Any) -> Any:
         (lambda d: d.update(frames={}), "annotations.json: frames must be a list"),
         (lambda d: d.update(frames=[]), "no usable element"),
         (lambda d: [f.update(elements=[]) for f in d["frames"]], "no usable element"),
-        (lambda d: d.update(image_size=[128, 96]), "image_size is 128x96 but the camera of 001.png says 64x48"),
+        (lambda d: d.update(image_size=[128, 90]), "001.png was annotated at 128x90 px but its camera says 64x48"),
+        (lambda d: d.update(image_size=[48, 64]), "annotated at 48x64 px .*: remove the EXIF orientation"),
         (lambda d: d.update(image_size=[64]), "image_size must be"),
         (lambda d: d["frames"][0].pop("image"), "frame number 0 has no image name"),
-        (lambda d: d["frames"][0].update(image="777.png"), "annotated image 777.png has no camera"),
-        (lambda d: d["frames"][0].update(image="003.png"), "image 003.png is annotated twice"),
+        (lambda d: [f.update(image="777.png") for f in d["frames"]], "annotated image 777.png has no camera"),
         (lambda d: d["frames"][0].update(elements=None), "frame 001.png: elements must be a list"),
         (lambda d: _element(d).pop("id"), "frame 001.png: element number 0 has no id"),
         (lambda d: _element(d).update(label=3), "frame 001.png, element e0 has no label"),
@@ -123,6 +123,41 @@ def test_bad_annotations(tiny: Path, edit_json: Edit, change: Callable[[Any], ob
         load_scene(tiny)
     assert "\n" not in str(caught.value)
     assert "annotations.json" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("break_it", "says"),
+    [
+        (lambda r, edit: (r / "images/003.png").unlink(), "annotated image 003.png has no image file"),
+        (lambda r, edit: edit(r / "transforms.json", lambda d: d["frames"].pop(3)), "image 003.png has no camera"),
+        (
+            lambda r, edit: _annotated(r, edit, image="777.png"),
+            "annotations.json: annotated image 777.png has no camera",
+        ),
+        (lambda r, edit: _annotated(r, edit, image="./images/001.png"), "images/001.png is annotated twice"),
+    ],
+)
+def test_one_bad_image_costs_only_itself(
+    tiny: Path, edit_json: Edit, break_it: Callable[..., object], says: str
+) -> None:
+    break_it(tiny, edit_json)
+    scene = load_scene(tiny)
+    assert [scene.frame_of(k).name for k in range(len(scene.key_frames))] == ["001.png"]
+    assert says in "\n".join(scene.warnings)
+
+
+def _annotated(root: Path, edit_json: Edit, image: str) -> None:
+    edit_json(root / "annotations.json", lambda d: d["frames"][1].update(image=image))
+
+
+def test_drawings_on_larger_copies_are_scaled(tiny: Path, edit_json: Edit) -> None:
+    before = load_scene(tiny)
+    edit_json(tiny / "annotations.json", lambda d: d.update(image_size=[128, 96]))
+    scene = load_scene(tiny)
+    (warning,) = scene.warnings
+    assert "2 images were annotated in another size, first 001.png at 128x96 px instead of 64x48" in warning
+    drawn, scaled = (each.key_frames[0].elements[0].visible.area for each in (before, scene))
+    assert scaled == pytest.approx(drawn / 4)
 
 
 def test_written_annotations_read_back(tiny: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,8 +11,10 @@ from gtlayout.io import cad_estate, colmap, native, nerfstudio, scannet
 from gtlayout.io.files import read_json
 from gtlayout.io.frames import build_frames
 from gtlayout.io.key_frames import build_key_frames
+from gtlayout.io.labels import FILE_NAME as LABELS_FILE
+from gtlayout.io.labels import read_label_file
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
-from gtlayout.scene import Scene
+from gtlayout.scene import Frame, KeyFrame, Scene
 
 T = TypeVar("T")
 
@@ -25,14 +28,16 @@ ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (native.READER, cad_est
 SCENE_FILE = "scene.json"
 
 
-def load_scene(root: Path) -> Scene:
+def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool = True) -> Scene:
     """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); CAD-Estate and ScanNet have places of their own for both.
+    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. ``annotations``
+    is the file or folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where
+    ``annotated`` is false a scene without annotations is one without key frames.
 
-    ScanNet is metric. COLMAP, nerfstudio and CAD-Estate do not say what their unit is: their scenes count as metric
-    when depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
+    ScanNet and phone scans are metric. Most formats do not say what their unit is: their scenes count as metric when
+    depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
     ``{"metric": false}`` overrules both.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
@@ -40,30 +45,48 @@ def load_scene(root: Path) -> Scene:
     """
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")
-    cameras = _read_the_one(root, CAMERA_READERS, "cameras")
-    annotations = _read_the_one(root, ANNOTATION_READERS, "annotations")
+    camera_reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
+    cameras = camera_reader.read(root, camera_file)
     metric = _metric_said(root / SCENE_FILE)
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
-    key_frames, key_frame_warnings = build_key_frames(annotations, frames, without_image)
+    key_frames, annotation_warnings = _key_frames(annotations or root, frames, without_image, annotated)
     if metric is None:
         metric = cameras.metric
     if metric is None:
         metric = any(frame.depth_path for frame in frames)
-    warnings = (*cameras.warnings, *annotations.warnings, *frame_warnings, *key_frame_warnings)
-    return Scene(root, frames, key_frames, metric, warnings)
+    return Scene(root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *annotation_warnings))
 
 
-def _read_the_one(root: Path, readers: tuple[Reader[T], ...], what: str) -> T:
-    """Read with the one reader that finds exactly one file."""
-    found = [(reader, path) for reader in readers for path in reader.detect(root)]
+def _key_frames(
+    path: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
+) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
+    """What the annotations in the folder ``path``, or the file ``path``, make of the frames, and warnings."""
+    folder = path if path.is_dir() else path.parent
+    if not path.exists():
+        raise GtlayoutError(f"no annotations {path}")
+    found = [(reader, file) for reader, file in _found(folder, ANNOTATION_READERS) if path in (folder, file)]
+    if not found and not annotated:
+        return (), ()
+    reader, file = _the_one(path, found, ANNOTATION_READERS, "annotations")
+    raw = reader.read(folder, file)
+    key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
+    return key_frames, (*raw.warnings, *warnings)
+
+
+def _found(root: Path, readers: Sequence[Reader[T]]) -> list[tuple[Reader[T], Path]]:
+    return [(reader, path) for reader in readers for path in reader.detect(root)]
+
+
+def _the_one(
+    root: Path, found: Sequence[tuple[Reader[T], Path]], readers: Sequence[Reader[T]], what: str
+) -> tuple[Reader[T], Path]:
     if not found:
         looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in readers)
         raise GtlayoutError(f"no {what} in {root}; looked for {looked_for}")
     if len(found) > 1:
         paths = ", ".join(f"{path} ({reader.name})" for reader, path in found)
         raise GtlayoutError(f"{what} in more than one place: {paths}; leave one of them in the scene folder")
-    reader, path = found[0]
-    return reader.read(root, path)
+    return found[0]
 
 
 def _metric_said(path: Path) -> bool | None:

@@ -25,7 +25,7 @@ from gtlayout.io.masks import mask_polygons
 from gtlayout.io.native import simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.room_structure import read_room_structure
-from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawElement, RawKeyFrame, Reader
+from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
@@ -176,15 +176,15 @@ def _key_frame(
     only = set(np.unique(seen)) - {0}
     seen = np.where(seen > 0, structure, 0) if only in ({1}, {255}) else seen
     scale = np.array(image_size or (width, height)) / (width, height)
-    elements = []
+    shapes = []
     for number in numbers:
         if (label := labels[number]) is not None:
             own = structure == number
             regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
             polygons, visible_parts = (tuple(ring * scale for ring in rings) for rings in regions)
-            elements.append(RawElement(str(number), label, polygons, visible_parts))
+            shapes.append(RawShape(label, polygons, visible=visible_parts, id=str(number)))
     image = mask.stem.removeprefix(STRUCTURE_MASK) + ".jpg"
-    return RawKeyFrame(image, tuple(elements), (), image_size or (width, height))
+    return RawKeyFrame(image, tuple(shapes), image_size or (width, height))
 
 
 def _read_mask(path: Path) -> ImageArray:

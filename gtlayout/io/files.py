@@ -6,7 +6,9 @@ import json
 import math
 import os
 import re
-from contextlib import suppress
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,27 @@ def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
         for temporary in temporaries.values():
             with suppress(OSError):
                 temporary.unlink()
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Fill a folder: the one given is called like ``out`` and takes its place in the end, unless something was raised.
+
+    Raises GtlayoutError when ``out`` is there already and not an empty folder, or the disk does not take it.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
+            filled = Path(beside) / out.name  # the name may mean something: CAD-Estate calls the clip so
+            filled.mkdir()
+            yield filled
+            if out.exists():
+                out.rmdir()
+            filled.rename(out)
+    except OSError as error:
+        raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
 
 
 def write_json_atomic(path: Path, data: Any) -> None:

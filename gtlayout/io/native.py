@@ -11,11 +11,11 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotation_files import NATIVE_FILE, files_of_kind
 from gtlayout.io.files import read_json, write_json_atomic
-from gtlayout.io.sources import RawAnnotations, RawElement, RawKeyFrame, Reader
+from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
-FILE_NAME = "annotations.json"
 FORMAT = "gtlayout-annotations/1"
 MAX_PX = 1e6
 """No image is that large: a coordinate beyond it is a slip."""
@@ -74,21 +74,22 @@ def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) 
         raise GtlayoutError(f"{path}: frame number {index} has no image name")
     where = f"{path}: frame {data['image']}"
     elements = tuple(_element(e, i, where) for i, e in enumerate(_list(data, "elements", where, required=True)))
-    ids = [element.id for element in elements]
+    ids = [str(element.id) for element in elements]
     twice = sorted({each for each in ids if ids.count(each) > 1})
     if twice:
         raise GtlayoutError(f"{where}: element id {twice[0]} occurs more than once; ids must be unique within a frame")
-    return RawKeyFrame(data["image"], elements, _polylines(data, "occlusion_edges", where), size)
+    edges = RawShape("occlusion_edge", lines=_polylines(data, "occlusion_edges", where))
+    return RawKeyFrame(data["image"], (*elements, edges), size)
 
 
-def _element(data: Any, index: int, where: str) -> RawElement:
+def _element(data: Any, index: int, where: str) -> RawShape:
     if not isinstance(data, dict) or not isinstance(data.get("id"), str | int) or isinstance(data["id"], bool):
         raise GtlayoutError(f"{where}: element number {index} has no id")
     where = f"{where}, element {data['id']}"
     if not isinstance(data.get("label"), str):
         raise GtlayoutError(f"{where} has no label")
     polygons = _polylines(data, "polygons", where, required=True)
-    return RawElement(str(data["id"]), data["label"], polygons, _polylines(data, "visible", where))
+    return RawShape(data["label"], polygons, visible=_polylines(data, "visible", where), id=str(data["id"]))
 
 
 def _polylines(data: dict[str, Any], key: str, where: str, *, required: bool = False) -> tuple[FloatArray, ...]:
@@ -136,8 +137,4 @@ def _without_holes(polygon: Polygon) -> Iterable[Polygon]:
     return [piece for part in parts for piece in _without_holes(part)]
 
 
-def _detect(root: Path) -> list[Path]:
-    return [root / FILE_NAME] if (root / FILE_NAME).exists() else []
-
-
-READER = Reader("native", FILE_NAME, _detect, read_annotations)
+READER = Reader("native", NATIVE_FILE, files_of_kind("native"), read_annotations)

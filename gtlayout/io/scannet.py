@@ -15,10 +15,10 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.exports import write_jpeg, write_truth
 from gtlayout.io.files import write_all_atomic, write_atomic
 from gtlayout.io.images import MM_PER_UNIT, SATURATED, read_depth, size_of_first
-from gtlayout.io.native import FILE_NAME as ANNOTATIONS_FILE
 from gtlayout.io.native import write_annotations
 from gtlayout.io.poses import nearest_rotation
 from gtlayout.io.registration import Pinhole, Registration
@@ -105,7 +105,7 @@ def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) 
             _, png = cv2.imencode(".png", to_sensor(depth_mm))
             write_atomic(out / "depth" / f"{i}.png", png.tobytes())
     renamed = [replace(frame, name=f"{i}.jpg") for i, frame in enumerate(scene.frames)]
-    write_annotations(out / ANNOTATIONS_FILE, renamed, scene.key_frames)
+    write_annotations(out / NATIVE_FILE, renamed, scene.key_frames)
     names = {
         (k, e): (renamed[key_frame.frame].name, element.id)
         for k, key_frame in enumerate(scene.key_frames)

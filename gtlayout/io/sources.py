@@ -49,15 +49,24 @@ class PosedImages:
 
 
 @dataclass(frozen=True)
-class RawElement:
-    """An element as drawn: pixels of the image file, nothing repaired."""
+class RawShape:
+    """One thing drawn in one image: pixels of that image, nothing repaired, the label as the file has it."""
 
-    id: str
     label: str
-    polygons: tuple[FloatArray, ...]
-    """Amodal polygons, (N, 2) px each."""
-    visible: tuple[FloatArray, ...]
-    """Visible parts, (N, 2) px each."""
+    polygons: tuple[FloatArray, ...] = ()
+    """Outlines without holes, (N, 2) px each, that make it up together."""
+    lines: tuple[FloatArray, ...] = ()
+    """Polylines, (N, 2) px each; only occlusion edges have them."""
+    visible: tuple[FloatArray, ...] = ()
+    """Outlines of its visible parts, where the format keeps them with the element itself."""
+    id: str | None = None
+    """Of an element. Elements of an image with the same id and label are parts of one."""
+    element: str | None = None
+    """Of a visible part: id of the element it belongs to."""
+    group: str | None = None
+    """Elements of a group with the same label are parts of one; a visible part belongs to one of its group."""
+    z_order: int = 0
+    """Where surfaces that bound the room overlap, the higher one is in front."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +74,12 @@ class RawKeyFrame:
     """One annotated image."""
 
     image: str
-    elements: tuple[RawElement, ...]
-    occlusion_edges: tuple[FloatArray, ...]
-    """Polylines, (N, 2) px each."""
+    """As the file calls it: a path, a file name, with or without its ending."""
+    shapes: tuple[RawShape, ...]
     image_size: tuple[int, int] | None
     """(width, height) px of the image that was annotated; None = not said."""
+    number: int | None = None
+    """Counted from 0 in the video, or in the sorted images, that was annotated; None = not known."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,8 @@ class RawAnnotations:
     path: Path
     key_frames: tuple[RawKeyFrame, ...]
     warnings: tuple[str, ...] = ()
+    sequence_length: int | None = None
+    """How many images ``RawKeyFrame.number`` counts; None = not known."""
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gtlayout.errors import GtlayoutError
 from gtlayout.io import SCENE_FILE, load_scene
 from gtlayout.io.cad_estate_export import write_cad_estate
 from gtlayout.io.colmap import write_colmap
-from gtlayout.io.files import write_atomic, write_json_atomic
+from gtlayout.io.files import new_folder, write_atomic, write_json_atomic
 from gtlayout.io.native import write_annotations
 from gtlayout.io.nerfstudio import write_transforms
 from gtlayout.io.re10k import read_cameras
@@ -60,21 +59,13 @@ def synthesize(
     Raises GtlayoutError when ``out`` is not an empty or new folder or cannot be written, and when the recorded path to
     replay cannot be read.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
-            scene = Path(folder) / out.name  # the name may mean something: CAD-Estate calls the clip so
-            made = scene if config.format not in EXPORTERS else Path(folder) / ".native"
-            _write_scene(made, config, progress)
-            if made != scene:
-                EXPORTERS[config.format](load_scene(made), scene)
-            if out.exists():
-                out.rmdir()
-            scene.rename(out)
-    except OSError as error:
-        raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
+    with new_folder(out) as scene:
+        if config.format not in EXPORTERS:
+            _write_scene(scene, config, progress)
+            return
+        with tempfile.TemporaryDirectory(dir=scene.parent) as native:
+            _write_scene(Path(native), config, progress)
+            EXPORTERS[config.format](load_scene(Path(native)), scene)
 
 
 def shoot(room: Room, config: SynthConfig) -> Shot:
