@@ -156,7 +156,7 @@ def test_poses_of_other_images(scene: Scene, matches: list[Matches]) -> None:
 
 def test_wrong_focal_length(scene: Scene, matches: list[Matches]) -> None:
     (line,) = camera_suspicions(with_cameras(scene, lambda _, c: replace(c, K=c.K @ np.diag([1.5, 1.5, 1]))), matches)
-    assert "wrong intrinsics" in line
+    assert "a focal length about 0.7 times as long" in line
 
 
 # --- unit

@@ -1,4 +1,4 @@
-"""Do the cameras fit the images? If not: would they with other axes, inverted poses, or other frames' poses?"""
+"""Do the cameras fit the images? If not: with other axes, inverted, as other frames' poses, with another focal length?"""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ FITS = 0.6
 and in both at most 0.33 with cameras read in a wrong way."""
 MAX_SHIFT = 10
 """Frames by which poses may be ahead of the images or behind."""
-SHIFT_GAIN = 2.0
-"""Poses of other frames must fit so many times better; of right poses the neighbours' fit worse or as well …"""
-SHIFT_MIN_SHARE = 0.001
+FOCAL_FACTORS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.25, 1.4, 1.7, 2.0)
+"""Of the focal length that is given."""
+GAIN = 2.0
+"""Other frames' poses and other focal lengths must fit so many times better: where all is right they fit worse …"""
+MIN_GAIN = 0.001
 """… and by so much of the focal length: a slow camera's neighbours do not matter."""
 
 _OTHER_HAND = np.diag([1.0, -1.0, -1.0])
@@ -70,8 +72,8 @@ def camera_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
     if not matches:
         return []
     given = share_explained(scene, matches)
-    off = _better_shift(scene, matches)
-    if given >= FITS and off is None:
+    better = _better(scene, matches)
+    if given >= FITS and better is None:
         return []
     best, share = max(((way, share_explained(scene, matches, way)) for way in OTHERWISE), key=lambda pair: pair[1])
     if given < FITS <= share:
@@ -79,13 +81,8 @@ def camera_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
             f"the cameras fit the images only with {best.what}: {share:.0%} of the points followed through the video, "
             f"as they are {given:.0%}; {best.mend}"
         ]
-    if off is not None:
-        shift, error_px, shifted_px = off
-        when = f"{abs(shift)} frame(s) {'later' if shift > 0 else 'earlier'}"
-        return [
-            f"the cameras fit the images better with the poses of {when}: points followed through the video are then "
-            f"{shifted_px:.1f} px off (median), as they are {error_px:.1f} px; shift the poses' timestamps or names"
-        ]
+    if better is not None:
+        return [better]
     return [
         f"the cameras do not fit the images: they explain {given:.0%} of the points followed through the video; wrong "
         "intrinsics, another video's poses, or names or timestamps mixed up"
@@ -103,24 +100,46 @@ def share_explained(scene: Scene, matches: list[Matches], reading: Reading = AS_
 
 
 def _errors(scene: Scene, matches: Matches, shift: int = 0, reading: Reading = AS_GIVEN) -> FloatArray:
-    """(N,) errors as a share of the focal length."""
+    """(N,) errors as a share of the focal length that is given."""
     source, target = (reading.apply(scene.frames[i + shift].camera) for i in (matches.source, matches.target))
     errors_px, _ = triangulate_pair(matches, source, target)
-    return errors_px / target.K[0, 0]
+    return errors_px / scene.frames[matches.target].camera.K[0, 0]
 
 
-def _better_shift(scene: Scene, matches: list[Matches]) -> tuple[int, float, float] | None:
-    """The number of frames by which poses fit best, with the median errors (px) as given and so; None when as given."""
-    focal_px = float(np.median([frame.camera.K[0, 0] for frame in scene.frames]))
-    found: list[tuple[float, int, float]] = []
-    for shift in range(-MAX_SHIFT, MAX_SHIFT + 1):
+def _better(scene: Scene, matches: list[Matches]) -> str | None:
+    """Which other frames' poses or what other focal length fit best; None when what is given fits as well."""
+    tried = [(shift, 1.0) for shift in range(-MAX_SHIFT, MAX_SHIFT + 1) if shift]
+    tried += [(0, factor) for factor in FOCAL_FACTORS]
+    found: list[tuple[float, float, int, float]] = []
+    for shift, factor in tried:
         both = [m for m in matches if m.source + shift >= 0 and m.target + shift < len(scene.frames)]
-        if shift == 0 or 2 * len(both) < len(matches):
+        if 2 * len(both) < len(matches):
             continue
-        given, shifted = (float(np.median([np.median(_errors(scene, m, s)) for m in both])) for s in (0, shift))
-        if shifted < MAX_ERROR_SHARE and given > SHIFT_GAIN * shifted and given - shifted > SHIFT_MIN_SHARE:
-            found.append((shifted, shift, given))
+        given = _median_error(scene, both, 0, 1.0)
+        changed = _median_error(scene, both, shift, factor)
+        if changed < MAX_ERROR_SHARE and given > GAIN * changed and given - changed > MIN_GAIN:
+            found.append((changed, given, shift, factor))
     if not found:
         return None
-    shifted, shift, given = min(found)
-    return shift, given * focal_px, shifted * focal_px
+    changed, given, shift, factor = min(found)
+    focal_px = float(np.median([frame.camera.K[0, 0] for frame in scene.frames]))
+    what, mend = f"a focal length about {factor:g} times as long", "were the images resized after they were calibrated?"
+    if shift:
+        what = f"the poses of {abs(shift)} frame(s) {'later' if shift > 0 else 'earlier'}"
+        mend = "shift the poses' timestamps or names"
+    return (
+        f"the cameras fit the images better with {what}: points followed through the video are then "
+        f"{changed * focal_px:.1f} px off (median), as they are {given * focal_px:.1f} px; {mend}"
+    )
+
+
+def _median_error(scene: Scene, matches: list[Matches], shift: int, factor: float) -> float:
+    """Of the pairs' medians, as a share of the focal length that is given, with that focal length times ``factor``."""
+    zoom = np.diag([factor, factor, 1.0])
+
+    def zoomed(camera: Camera) -> Camera:
+        K = camera.K @ zoom
+        K[:2, 2] = camera.K[:2, 2]
+        return replace(camera, K=K)
+
+    return float(np.median([np.median(_errors(scene, m, shift, Reading("", "", zoomed))) for m in matches]))

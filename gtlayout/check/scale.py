@@ -37,8 +37,8 @@ def _unit(scene: Scene, matches: list[Matches]) -> list[str]:
     likely = next((name for most, name in UNITS_OF_A_METRE if ROOM_DEPTH_M[1] < depth <= most), None)
     unit = f"that looks like {likely}" if likely else "no room is that size"
     return [
-        f"the scene counts as metric, but its points are {_number(depth)} away (median): {unit}; scale the camera positions "
-        'to metres, or put {"metric": false} into scene.json'
+        f"the scene counts as metric, but its points are {_number(depth)} away (median): {unit}; scale the camera "
+        'positions to metres, or put {"metric": false} into scene.json'
     ]
 
 
