@@ -1,4 +1,4 @@
-"""Do the cameras fit the images? If not: with other axes, inverted, as other frames' poses, with another focal length?"""
+"""Do the cameras fit the images? If not: would other axes, inverted or shifted poses, or another focal length?"""
 
 from __future__ import annotations
 
