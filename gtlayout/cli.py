@@ -21,13 +21,16 @@ from gtlayout.visualize import Observer, RerunMode, open_log, rerun_observer
 RESULTS = "gtlayout"
 """Folder inside the scene that results go to."""
 LOG = "log.rrd"
+SUSPICIOUS = 3
+"""Exit status of a check that found something."""
 SHOWN_WARNINGS = 5
 """More than these are only counted, unless -v is given."""
 
 app = App(
     name="gtlayout",
     help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
-    help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 130 interrupted.",
+    help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 3 something suspicious "
+    "(check), 130 interrupted.",
     version=__version__,
     suppress_keyboard_interrupt=False,
 )
@@ -135,6 +138,33 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
 
 
 @app.command
+def check(scene_dir: SceneDir, /) -> int:
+    """List everything suspicious in a scene folder, before it is solved: one line each, then how many.
+
+    Looked at are images, annotations, whether the cameras fit the images (axes, inverted poses, timestamps), their unit
+    and their motion. Nothing is written.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    """
+    from gtlayout.check import contents, suspicions
+    from gtlayout.io import load_scene
+
+    scene = load_scene(scene_dir)
+    with progress_bars() as progress:
+        progress.stage("images")
+        found = suspicions(scene, progress.progress)
+    console = stdout()
+    for line in found:
+        console.print(line, style="yellow")
+    counted = f"{len(found)} warning{'s' if len(found) > 1 else ''}" if found else "nothing suspicious"
+    console.print(f"{counted}: {contents(scene)}")
+    return SUSPICIOUS if found else 0
+
+
+@app.command
 def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
     """Open what `solve --rerun save` logged in the rerun viewer.
 
@@ -167,10 +197,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) -> int:
-    """Run a command line and return its exit status. Unknown exceptions are bugs and keep their traceback."""
+    """Run a command line and return its exit status: the command's own, or 0 when it returns none.
+
+    Unknown exceptions are bugs and keep their traceback.
+    """
     name = app.name[0]
     try:
-        app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
+        status = app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
     except CycloptsError:
         return 2
     except GtlayoutError as error:
@@ -179,7 +212,7 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
     except KeyboardInterrupt:
         print(f"{name}: {when_interrupted}", file=sys.stderr)
         return 130
-    return 0
+    return status if isinstance(status, int) else 0
 
 
 def stdout() -> Console:
