@@ -10,7 +10,7 @@ from urllib.parse import quote
 import numpy as np
 
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.native import simple_rings
+from gtlayout.io.masks import simple_rings
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
 

@@ -186,11 +186,11 @@ def test_ids_tie_parts_and_visible_parts(tiny: Path) -> None:
 @pytest.mark.parametrize(
     ("bad", "says"),
     [
-        (_annotation(keypoints=[1, 2, 3], num_keypoints=1), "without segmentation"),
-        ({"id": 5, "image_id": 1, "caption": "a wall"}, "of a category that the file does not have"),
-        (_annotation(segmentation=[SQUARE], category_id=77), "of a category that the file does not have"),
-        (_annotation(segmentation=[SQUARE], image_id=77), "of an image that the file does not have"),
-        (_annotation(segmentation=[SQUARE], image_id=[1]), "of an image that the file does not have"),
+        (_annotation(keypoints=[1, 2, 3], num_keypoints=1), "it has no segmentation"),
+        ({"id": 5, "image_id": 1, "caption": "a wall"}, "its category is none of the file's"),
+        (_annotation(segmentation=[SQUARE], category_id=77), "its category is none of the file's"),
+        (_annotation(segmentation=[SQUARE], image_id=77), "its image is none of the file's"),
+        (_annotation(segmentation=[SQUARE], image_id=[1]), "its image is none of the file's"),
         (_annotation(segmentation=[SQUARE[:5]]), "points are no pairs of finite numbers"),
         (_annotation(segmentation=[["1", "2", "3", "4", "5", "6"]]), "points are no pairs"),
         (_annotation(segmentation=[[1e300] * 6]), "points are no pairs"),
@@ -203,8 +203,8 @@ def test_ids_tie_parts_and_visible_parts(tiny: Path) -> None:
         (_annotation(segmentation={"size": [48, 64], "counts": "a b"}), "runs are damaged"),
         (_annotation(segmentation={"size": [48, 64], "counts": "o" * 50}), "runs are damaged"),
         (_annotation(segmentation={"size": [48, 64], "counts": "o"}), "runs are cut off"),
-        ("annotation", "annotation that is none"),
-        ({"image_id": 1, "regions": [3]}, "with a region that is none"),
+        ("annotation", "annotation skipped: it is no object"),
+        ({"image_id": 1, "regions": [3]}, "its region is none"),
     ],
 )
 def test_what_is_dropped(tmp_path: Path, bad: Any, says: str) -> None:
@@ -213,7 +213,7 @@ def test_what_is_dropped(tmp_path: Path, bad: Any, says: str) -> None:
     assert len(read.key_frames[0].shapes) == 1
     assert len(read.warnings) == 2
     assert says in read.warnings[1]
-    assert "2 dropped, first in" in read.warnings[1]
+    assert "(2, first in" in read.warnings[1]
     with pytest.raises(GtlayoutError, match=r"coco\.json: no annotation can be used"):
         read_coco(tmp_path, _file(tmp_path, bad))
 
@@ -244,7 +244,7 @@ def test_images_without_size_and_out_of_the_folder(tiny: Path) -> None:
     scene = load_scene(tiny)
     assert [scene.frames[k.frame].name for k in scene.key_frames] == ["001.png"]
     assert scene.warnings[1:3] == (
-        "coco.json: image without id or file_name: 1 dropped, first in images",
+        "coco.json: image skipped: it has no id or no file_name (1, first in images)",
         "coco.json: annotated image ../../etc/passwd has no camera",
     )
 

@@ -92,7 +92,9 @@ def test_images_made_by_datumaro(made: Path) -> None:
         ("003.png", SIZE, None),
     ]
     assert raw.sequence_length == 3
-    assert raw.warnings == ("default.xml: 1 x points (no polygon, polyline, box or mask) dropped, first in 001.png",)
+    assert raw.warnings == (
+        "default.xml: points skipped: it is no polygon, polyline, box or mask (1, first in 001.png)",
+    )
     wall, visible, line, floor, door, window, slanted = raw.key_frames[0].shapes
     assert [s.label for s in raw.key_frames[0].shapes] == [
         "Wall", "visible", "occlusion_edge", "floor", "door", "window", "slanted",
@@ -258,41 +260,43 @@ def test_a_mask_may_have_many_holes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("shape", "told"),
     [
-        ('<skeleton label="wall"><points points="1,1"/></skeleton>', "skeleton (no polygon, polyline, box or mask)"),
-        ('<cuboid label="wall" xtl1="3"/>', "cuboid (no polygon, polyline, box or mask)"),
-        ('<polygon label="wall" points="0,0;9,0"/>', "polygon with fewer than 3 points"),
-        ('<polyline label="wall" points="0,0"/>', "polyline with fewer than 2 points"),
+        ('<skeleton label="wall"><points points="1,1"/></skeleton>', "skeleton skipped: it is no"),
+        ('<cuboid label="wall" xtl1="3"/>', "cuboid skipped: it is no polygon, polyline, box or mask"),
+        ('<polygon label="wall" points="0,0;9,0"/>', "polygon skipped: it has fewer than 3 points"),
+        ('<polyline label="wall" points="0,0"/>', "polyline skipped: it has fewer than 2 points"),
         *(
-            (f'<polygon label="wall" points="{points}"/>', "polygon with a missing or broken number")
+            (f'<polygon label="wall" points="{points}"/>', "polygon skipped: a number is missing or broken")
             for points in ("", "0,0;1", "0,0;9,0;9,9,9", "0,0;nan,0;9,9", "0,0;inf,0;9,9", "0,0;1e7,0;9,9", "a,b")
         ),
-        ('<polygon label="wall"/>', "polygon with a missing or broken number"),
-        ('<polygon label="wall" points="0,0;9,0;9,9" z_order="x"/>', "polygon with a missing or broken number"),
-        ('<box label="wall" xtl="1" ytl="1" xbr="5"/>', "box with a missing or broken number"),
-        ('<box label="wall" xtl="1" ytl="1" xbr="5" ybr="5" rotation="inf"/>', "box with a missing or broken number"),
-        ('<mask label="wall" rle="4" left="0" top="-1" width="2" height="2"/>', "mask with a missing or broken number"),
-        ('<mask label="wall" rle="" left="0" top="0" width="2" height="2"/>', "mask with a missing or broken number"),
+        ('<polygon label="wall"/>', "polygon skipped: a number is missing or broken"),
+        ('<polygon label="wall" points="0,0;9,0;9,9" z_order="x"/>', "polygon skipped: a number is missing or broken"),
+        ('<box label="wall" xtl="1" ytl="1" xbr="5"/>', "box skipped: a number is missing or broken"),
+        ('<box label="wall" xtl="1" ytl="1" xbr="5" ybr="5" rotation="inf"/>', "box skipped: a number"),
+        ('<mask label="wall" rle="4" left="0" top="-1" width="2" height="2"/>', "mask skipped: a number"),
+        ('<mask label="wall" rle="" left="0" top="0" width="2" height="2"/>', "mask skipped: a number"),
         *(
             (
                 f'<mask label="wall" rle="{rle}" left="0" top="0" width="2" height="2"/>',
-                "mask whose runs do not add up to its size",
+                "mask skipped: its runs do not add up to its size",
             )
             for rle in ("5", "0, 3", "-4, 8", "99999999999", "9223372036854775807, 9223372036854775807, 6")
         ),
-        ('<mask label="wall" rle="1" left="0" top="0" width="99999" height="99999"/>', "mask of more than 2^26 pixels"),
+        ('<mask label="wall" rle="1" left="0" top="0" width="99999" height="99999"/>', "mask skipped: it has more"),
     ],
 )  # fmt: skip
 def test_a_broken_shape_is_left_out(tmp_path: Path, shape: str, told: str) -> None:
     good = '<polygon label="floor" points="0,0;9,0;9,9"/>'
     raw = _read(tmp_path, _image(shape + good + shape))
-    assert raw.warnings == (f"annotations.xml: 2 x {told} dropped, first in 001.png",)
+    (warning,) = raw.warnings
+    assert warning.startswith(f"annotations.xml: {told}")
+    assert warning.endswith(" (2, first in 001.png)")
     assert [shape.label for shape in raw.key_frames[0].shapes] == ["floor"]
 
 
 def test_a_broken_image_is_left_out(tmp_path: Path) -> None:
     for size in ('width="0" height="5"', 'width="64"', 'width="x" height="5"', 'width="9999999" height="5"'):
         raw = _read(tmp_path, _image('<polygon label="floor" points="0,0;9,0;9,9"/>', size=size))
-        told = "annotations.xml: 1 x image without a name or with a broken size dropped, first in 001.png"
+        told = "annotations.xml: image skipped: its name is missing or its size broken (1, first in 001.png)"
         assert (raw.key_frames, raw.warnings) == ((), (told,))
 
 

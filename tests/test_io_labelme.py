@@ -115,19 +115,19 @@ def test_images_are_names_only(tmp_path: Path, said: Any, image: str) -> None:
 @pytest.mark.parametrize(
     ("bad", "says"),
     [
-        (_shape([[5, 5], [9, 9]], shape_type="circle"), "that is no polygon, rectangle, mask, line or linestrip"),
-        (_shape([[5, 5]], shape_type="point"), "that is no polygon"),
-        (_shape(shape_type={}), "that is no polygon"),
-        (_shape(label=None), "without label"),
-        (_shape(label="x" * 5000), "without label"),
-        ("shape", "without label"),
+        (_shape([[5, 5], [9, 9]], shape_type="circle"), "it is no polygon, rectangle, mask, line or linestrip"),
+        (_shape([[5, 5]], shape_type="point"), "it is no polygon"),
+        (_shape(shape_type={}), "it is no polygon"),
+        (_shape(label=None), "it has no label"),
+        (_shape(label="x" * 5000), "it has no label"),
+        ("shape", "it has no label"),
         (_shape(None), "points are no pairs"),
         (_shape([[1, 2, 3]]), "points are no pairs"),
         (_shape([[1, None]]), "points are no pairs"),
         (_shape([[1, 10**400]]), "points are no pairs"),
-        (_shape([[0, 0], [1, 1]], shape_type="mask"), "a mask without two points or pixels"),
-        (_shape([[0, 0], [1, 1]], shape_type="mask", mask="ä"), "a mask that is no base64"),
-        (_shape([[0, 0], [1, 1]], shape_type="mask", mask="abcd"), "a mask that is no PNG image"),
+        (_shape([[0, 0], [1, 1]], shape_type="mask"), "its mask lacks its two points or its pixels"),
+        (_shape([[0, 0], [1, 1]], shape_type="mask", mask="ä"), "its mask is no base64"),
+        (_shape([[0, 0], [1, 1]], shape_type="mask", mask="abcd"), "its mask is no PNG image"),
         (
             _shape([[0, 0], [1, 1]], shape_type="mask", mask=_png(np.ones((3, 3), np.uint8))),
             "another size than its two",
@@ -141,7 +141,7 @@ def test_what_is_dropped(tmp_path: Path, bad: Any, says: str) -> None:
     assert len(read.key_frames[0].shapes) == 1
     (warning,) = read.warnings
     assert says in warning
-    assert "2 dropped, first in 001.json" in warning
+    assert "(2, first in 001.json)" in warning
 
 
 def test_broken_files(tmp_path: Path) -> None:

@@ -21,8 +21,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.checked import NO_OCCLUSION_EDGES
 from gtlayout.io.files import read_json
 from gtlayout.io.lenses import MAX_STRETCH, finite, lens
-from gtlayout.io.masks import decode_mask, mask_polygons
-from gtlayout.io.native import simple_rings
+from gtlayout.io.masks import decode_mask, mask_polygons, simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.room_structure import read_room_structure
 from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from gtlayout.io.files import printable
-from gtlayout.io.native import MAX_PX
 from gtlayout.scene import FloatArray
 
 NO_OCCLUSION_EDGES = "no occlusion edges, so neighbours are taken to touch everywhere"
 """What is told of formats without them."""
+MAX_PX = 1e6
+"""No image is that large: a coordinate beyond it is a slip."""
 MAX_NAME = 1000
 """Signs; longer ones are no names."""
 
 
 class UnusableError(Exception):
-    """A shape that cannot be used; says why, as what follows after "polygon" or "annotation"."""
+    """A shape that cannot be used; says why, as what follows after "polygon skipped" or the like."""
 
 
 @dataclass
-class Dropped:
-    """What was left out, and where first."""
+class Notes:
+    """What was left out or lost: each kind told once, with how often and where first."""
 
     counts: Counter[str] = field(default_factory=Counter)
     first: dict[str, str] = field(default_factory=dict)
@@ -36,7 +37,12 @@ class Dropped:
 
     def lines(self, file: str) -> list[str]:
         """One line per kind."""
-        return [f"{file}: {what}: {n} dropped, first in {self.first[what]}" for what, n in self.counts.items()]
+        return [f"{file}: {what} ({n}, first in {self.first[what]})" for what, n in self.counts.items()]
+
+
+def is_px(value: Any) -> TypeGuard[float]:
+    """Whether it is a number that can be a coordinate, or a size."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PX
 
 
 def name(value: Any) -> str | None:
@@ -58,7 +64,7 @@ def image_size(width: Any, height: Any) -> tuple[int, int] | None:
 
 def points(values: Any) -> FloatArray:
     """(N, 2) px from a list x, y, x, y, …; raises UnusableError."""
-    numbers = isinstance(values, list) and all(type(v) in (int, float) and abs(v) <= MAX_PX for v in values)
+    numbers = isinstance(values, list) and all(map(is_px, values))
     if not numbers or len(values) % 2:
-        raise UnusableError(": points are no pairs of finite numbers")
+        raise UnusableError("its points are no pairs of finite numbers")
     return np.array(values, dtype=np.float64).reshape(-1, 2)

@@ -21,10 +21,10 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import files_of_kind
-from gtlayout.io.checked import NO_OCCLUSION_EDGES, Dropped, UnusableError, image_size, name, points
+from gtlayout.io.checked import NO_OCCLUSION_EDGES, Notes, UnusableError, image_size, name, points
 from gtlayout.io.coco_rle import rle_rings
 from gtlayout.io.files import read_json, write_json_atomic
-from gtlayout.io.native import simple_rings
+from gtlayout.io.masks import simple_rings
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
 
@@ -50,8 +50,8 @@ def read_coco(_root: Path, path: Path) -> RawAnnotations:
     file is no such JSON or nothing in it can be used.
     """
     data = read_json(path)
-    dropped = Dropped()
-    images = _images(_list(data, "images", path), dropped)
+    notes = Notes()
+    images = _images(_list(data, "images", path), notes)
     categories = {
         key: label
         for each in _list(data, "categories", path, required=False)
@@ -59,13 +59,13 @@ def read_coco(_root: Path, path: Path) -> RawAnnotations:
     }
     for annotation in _list(data, "annotations", path):
         if isinstance(annotation, dict):
-            _add(annotation, images.get(_key(annotation.get("image_id"))), categories, dropped)
+            _add(annotation, images.get(_key(annotation.get("image_id"))), categories, notes)
         else:
-            dropped.add("annotation that is none", "annotations")
+            notes.add("annotation skipped: it is no object", "annotations")
     key_frames = tuple(
         RawKeyFrame(image.name, tuple(image.shapes), image.size) for image in images.values() if image.shapes
     )
-    warnings = dropped.lines(path.name)
+    warnings = notes.lines(path.name)
     if not key_frames:
         raise GtlayoutError(f"{path}: no annotation can be used" + (f" ({warnings[0]})" if warnings else ""))
     return RawAnnotations(path, key_frames, (f"{path}: COCO has {NO_OCCLUSION_EDGES}", *warnings))
@@ -92,22 +92,22 @@ def write_coco(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFram
     write_json_atomic(path, parts)
 
 
-def _images(entries: list[Any], dropped: Dropped) -> dict[Any, _Image]:
+def _images(entries: list[Any], notes: Notes) -> dict[Any, _Image]:
     images: dict[Any, _Image] = {}
     for entry in entries:
         key = _key(entry.get("id")) if isinstance(entry, dict) else None
         file_name = name(entry.get("file_name")) if key is not None else None
         if file_name is None:
-            dropped.add("image without id or file_name", "images")
+            notes.add("image skipped: it has no id or no file_name", "images")
         else:
             images[key] = _Image(file_name, image_size(entry.get("width"), entry.get("height")))
     return images
 
 
-def _add(annotation: dict[str, Any], image: _Image | None, categories: Mapping[Any, str], dropped: Dropped) -> None:
+def _add(annotation: dict[str, Any], image: _Image | None, categories: Mapping[Any, str], notes: Notes) -> None:
     where = f"annotation {name(annotation.get('id'))}"
     if image is None:
-        dropped.add("annotation of an image that the file does not have", where)
+        notes.add("annotation skipped: its image is none of the file's", where)
         return
     regions = annotation.get("regions")
     parts = regions if isinstance(regions, list) else [annotation]
@@ -115,7 +115,7 @@ def _add(annotation: dict[str, Any], image: _Image | None, categories: Mapping[A
         try:
             image.shapes.append(_shape(part, annotation, image.size, categories))
         except UnusableError as reason:
-            dropped.add(f"annotation{reason}", f"{image.name}, {where}")
+            notes.add(f"annotation skipped: {reason}", f"{image.name}, {where}")
 
 
 def _shape(
@@ -123,14 +123,14 @@ def _shape(
 ) -> RawShape:
     """``part`` is the annotation itself or, in COCOA, one of its regions."""
     if not isinstance(part, dict):
-        raise UnusableError(" with a region that is none")
+        raise UnusableError("its region is none")
     is_region = part is not annotation
     label = name(part.get("name")) if is_region else categories.get(_key(part.get("category_id")))
     if label is None:
-        raise UnusableError(" of a category that the file does not have")
+        raise UnusableError("its category is none of the file's")
     polygons = _rings(_first(part, AMODAL_FIELDS), size)
     if not polygons:
-        raise UnusableError(" without segmentation")
+        raise UnusableError("it has no segmentation")
     seen = _first(part, VISIBLE_FIELDS)
     visible = polygons if is_region and seen is None and not part.get("invisible_mask") else _rings(seen, size)
     said = part.get("attributes")
@@ -145,7 +145,7 @@ def _rings(segmentation: Any, size: tuple[int, int] | None) -> tuple[FloatArray,
     if not segmentation:
         return ()
     if not isinstance(segmentation, list):
-        raise UnusableError(": its segmentation is neither polygons nor a mask")
+        raise UnusableError("its segmentation is neither polygons nor a mask")
     if isinstance(segmentation[0], list):
         return tuple(points(polygon) for polygon in segmentation)
     return (points(segmentation),)

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from gtlayout.io.checked import UnusableError, image_size
-from gtlayout.io.masks import boxes_polygons
-from gtlayout.io.native import simple_rings
+from gtlayout.io.masks import boxes_polygons, simple_rings
 from gtlayout.scene import FloatArray, IntArray
 
 MAX_GROUPS = 8
@@ -28,21 +27,21 @@ def rle_rings(rle: dict[str, Any], size: tuple[int, int] | None) -> tuple[FloatA
     said = rle.get("size")
     own_size = image_size(said[1], said[0]) if isinstance(said, list) and len(said) == 2 else None
     if own_size is None:
-        raise UnusableError(": its mask has no size")
+        raise UnusableError("its mask has no size")
     if size is not None and own_size != size:
-        raise UnusableError(": its mask has another size than its image")
+        raise UnusableError("its mask has another size than its image")
     width, height = own_size
     counts = rle.get("counts")
     runs = decompressed(counts) if isinstance(counts, str) else counts
     pixels = width * height
     if not isinstance(runs, list) or not all(type(run) is int and 0 <= run <= pixels for run in runs):
-        raise UnusableError(": its mask's runs are no counts of pixels")
+        raise UnusableError("its mask's runs are no counts of pixels")
     if sum(runs) != pixels:
-        raise UnusableError(": its mask's runs do not add up to its size")
+        raise UnusableError("its mask's runs do not add up to its size")
     try:
         return tuple(simple_rings(boxes_polygons(_boxes(np.array(runs, dtype=np.int64), height))))
     except ValueError as error:
-        raise UnusableError(f": its mask {error}") from error
+        raise UnusableError(f"its mask {error}") from error
 
 
 def decompressed(text: str) -> list[int]:
@@ -52,7 +51,7 @@ def decompressed(text: str) -> list[int]:
     for sign in text:
         bits = ord(sign) - 48
         if not 0 <= bits < 64 or groups == MAX_GROUPS:
-            raise UnusableError(": its mask's runs are damaged")
+            raise UnusableError("its mask's runs are damaged")
         value |= (bits & 31) << 5 * groups
         groups += 1
         if not bits & 32:
@@ -61,7 +60,7 @@ def decompressed(text: str) -> list[int]:
             runs.append(value + (runs[-2] if len(runs) > 2 else 0))
             value = groups = 0
     if groups:
-        raise UnusableError(": its mask's runs are cut off")
+        raise UnusableError("its mask's runs are cut off")
     return runs
 
 

@@ -6,8 +6,8 @@ Facts are from CVAT's documentation ("XML annotation format") and its exporter (
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
-from dataclasses import dataclass, field
+from collections import defaultdict
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element as Node
 
@@ -16,7 +16,8 @@ from defusedxml import ElementTree as DefusedTree
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import files_of_kind
-from gtlayout.io.cvat_shapes import UnusableError, geometry, whole_number
+from gtlayout.io.checked import Notes, UnusableError
+from gtlayout.io.cvat_shapes import geometry, whole_number
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 
 VIDEO_FRAME = re.compile(r"frame_(\d{6,9})")
@@ -39,21 +40,6 @@ class _Sequence:
         return place if not off and place >= 0 else None
 
 
-@dataclass
-class _Skipped:
-    """What was left out, and where first."""
-
-    counts: Counter[str] = field(default_factory=Counter)
-    first: dict[str, str] = field(default_factory=dict)
-
-    def add(self, what: str, where: str) -> None:
-        self.counts[what] += 1
-        self.first.setdefault(what, where)
-
-    def lines(self, file: str) -> list[str]:
-        return [f"{file}: {n} x {what} dropped, first in {self.first[what]}" for what, n in self.counts.items()]
-
-
 def read_cvat(_root: Path, path: Path) -> RawAnnotations:
     """Read an export of a task or job; images without a shape are no key frames.
 
@@ -63,10 +49,10 @@ def read_cvat(_root: Path, path: Path) -> RawAnnotations:
     document type or entities.
     """
     root = _parse(path)
-    sequence, skipped = _sequence(root), _Skipped()
-    of_images = _images(root, sequence, skipped)
-    of_tracks, interpolated = _tracks(root, sequence, skipped)
-    warnings = skipped.lines(path.name)
+    sequence, notes = _sequence(root), Notes()
+    of_images = _images(root, sequence, notes)
+    of_tracks, interpolated = _tracks(root, sequence, notes)
+    warnings = notes.lines(path.name)
     if interpolated:
         warnings.append(
             f"{path.name}: {interpolated} shapes in key frames were interpolated by CVAT, not drawn: check them"
@@ -103,16 +89,18 @@ def _sequence(root: Node) -> _Sequence:
     )
 
 
-def _images(root: Node, sequence: _Sequence, skipped: _Skipped) -> list[RawKeyFrame]:
+def _images(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
     key_frames = []
     for image in root.findall("image"):
         name, size = _line(image.get("name", "")), (whole_number(image.get("width")), whole_number(image.get("height")))
         if not name or (size != (None, None) and not all(size)):
-            skipped.add("image without a name or with a broken size", name or _line(f"image {image.get('id')}"))
+            notes.add(
+                "image skipped: its name is missing or its size broken", name or _line(f"image {image.get('id')}")
+            )
             continue
         width, height = size
         annotated = (width, height) if width and height else None
-        shapes = [_shape(node, None, name, skipped) for node in image if node.get("outside") != "1"]
+        shapes = [_shape(node, None, name, notes) for node in image if node.get("outside") != "1"]
         video = VIDEO_FRAME.fullmatch(name)
         number = sequence.number(int(video[1])) if video else None
         if found := tuple(shape for shape in shapes if shape is not None):
@@ -120,7 +108,7 @@ def _images(root: Node, sequence: _Sequence, skipped: _Skipped) -> list[RawKeyFr
     return key_frames
 
 
-def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[RawKeyFrame], int]:
+def _tracks(root: Node, sequence: _Sequence, notes: Notes) -> tuple[list[RawKeyFrame], int]:
     """Key frames, in order, and how many of their shapes were interpolated. A project's tasks are kept apart."""
     there: dict[tuple[str, int], list[tuple[Node, Node]]] = defaultdict(list)
     drawn: set[tuple[str, int]] = set()
@@ -128,7 +116,7 @@ def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[Ra
         for node in track:
             frame = whole_number(node.get("frame"))
             if frame is None:
-                skipped.add("shape of a track with a broken frame number", _line(f"track {track.get('id')}"))
+                notes.add("shape of a track skipped: its frame number is broken", _line(f"track {track.get('id')}"))
             elif node.get("outside") != "1":
                 there[track.get("task_id", ""), frame].append((track, node))
                 if node.get("keyframe") == "1":
@@ -138,7 +126,7 @@ def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[Ra
         name = f"frame_{frame:06d}"
         shapes = []
         for track, node in there[task, frame]:
-            if (shape := _shape(node, track, name, skipped)) is not None:
+            if (shape := _shape(node, track, name, notes)) is not None:
                 shapes.append(shape)
                 interpolated += node.get("keyframe") != "1"
         if shapes:
@@ -146,7 +134,7 @@ def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[Ra
     return key_frames, interpolated
 
 
-def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> RawShape | None:
+def _shape(node: Node, track: Node | None, where: str, notes: Notes) -> RawShape | None:
     """None when it is left out. Label and group are the track's, if it is of one.
 
     So is an id where none is written, unless the track is grouped: parts of an element are told by their group then.
@@ -155,10 +143,10 @@ def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> Raw
         polygons, lines = geometry(node)
         z_order = int(node.get("z_order", 0))
     except UnusableError as error:
-        skipped.add(f"{node.tag}{error}", where)
+        notes.add(f"{node.tag} skipped: {error}", where)
         return None
     except (ValueError, OverflowError, TypeError):
-        skipped.add(f"{node.tag} with a missing or broken number", where)
+        notes.add(f"{node.tag} skipped: a number is missing or broken", where)
         return None
     owner = node if track is None else track
     said = {each.get("name", "").casefold(): _line(each.text or "").strip() for each in node.iterfind("attribute")}

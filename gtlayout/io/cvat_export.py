@@ -12,7 +12,7 @@ from xml.etree.ElementTree import SubElement
 
 from gtlayout.io.files import write_atomic
 from gtlayout.io.labeling import label_config
-from gtlayout.io.native import simple_rings
+from gtlayout.io.masks import simple_rings
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
 

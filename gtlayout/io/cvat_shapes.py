@@ -13,17 +13,13 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from gtlayout.io.masks import mask_polygons
-from gtlayout.io.native import MAX_PX, simple_rings
+from gtlayout.io.checked import MAX_PX, UnusableError
+from gtlayout.io.masks import mask_polygons, simple_rings
 from gtlayout.scene import BoolArray, FloatArray
 
 MAX_MASK_PX = 1 << 26
 """Larger than any camera's image; a mask is unpacked into that many bytes."""
 LEAST_POINTS = {"polygon": 3, "polyline": 2}
-
-
-class UnusableError(Exception):
-    """A shape that can be read, but not used."""
 
 
 def geometry(node: Node) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
@@ -33,10 +29,10 @@ def geometry(node: Node) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]
     if node.tag == "mask":
         return _mask(node), ()
     if node.tag not in LEAST_POINTS:
-        raise UnusableError(" (no polygon, polyline, box or mask)")
+        raise UnusableError("it is no polygon, polyline, box or mask")
     points_px = _px([[float(x), float(y)] for x, y in (pair.split(",") for pair in node.get("points", "").split(";"))])
     if len(points_px) < LEAST_POINTS[node.tag]:
-        raise UnusableError(f" with fewer than {LEAST_POINTS[node.tag]} points")
+        raise UnusableError(f"it has fewer than {LEAST_POINTS[node.tag]} points")
     return ((points_px,), ()) if node.tag == "polygon" else ((), (points_px,))
 
 
@@ -62,10 +58,10 @@ def _mask(node: Node) -> tuple[FloatArray, ...]:
     if left is None or top is None or not width or not height:
         raise ValueError
     if width * height > MAX_MASK_PX:
-        raise UnusableError(" of more than 2^26 pixels")
+        raise UnusableError("it has more than 2^26 pixels")
     runs = np.array([int(run) for run in node.get("rle", "").split(",")], dtype=np.int64)
     if np.any((runs < 0) | (runs > MAX_MASK_PX)) or runs.sum() != width * height:
-        raise UnusableError(" whose runs do not add up to its size")
+        raise UnusableError("its runs do not add up to its size")
     inside: BoolArray = np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(height, width)
     return tuple(
         simple_rings(shapely.transform(mask_polygons(inside), lambda points_px: points_px + np.array([left, top])))

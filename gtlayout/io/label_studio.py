@@ -14,8 +14,9 @@ from urllib.parse import parse_qs, unquote, urlsplit
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import files_of_kind
+from gtlayout.io.checked import Notes, name
 from gtlayout.io.files import read_json_list
-from gtlayout.io.label_studio_regions import Notes, name, shapes_by_image
+from gtlayout.io.label_studio_regions import shapes_by_image
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, Reader
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".gif", ".webp", ".tif", ".tiff"})
@@ -34,11 +35,11 @@ def read_label_studio(_root: Path, path: Path) -> RawAnnotations:
     tasks = read_json_list(path)
     notes = Notes()
     key_frames = [frame for i, task in enumerate(tasks, 1) for frame in _key_frames(task, f"task {i}", notes)]
-    lines = notes.lines()
+    lines = notes.lines(path.name)
     if not key_frames:
-        why = f": {lines[0]}" if lines else ""
+        why = f" ({lines[0].removeprefix(f'{path.name}: ')})" if lines else ""
         raise GtlayoutError(f"{path}: no annotated image among {len(tasks)} tasks{why}")
-    return RawAnnotations(path, tuple(key_frames), tuple(f"{path.name}: {line}" for line in lines))
+    return RawAnnotations(path, tuple(key_frames), tuple(lines))
 
 
 def image_name(url: str) -> str:

@@ -9,20 +9,16 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
+from gtlayout.io.checked import MAX_PX, UnusableError, is_px
 from gtlayout.io.label_studio_brush import BrokenMaskError, decode_mask
-from gtlayout.io.masks import mask_polygons
-from gtlayout.io.native import MAX_PX, simple_rings
+from gtlayout.io.masks import mask_polygons, simple_rings
 from gtlayout.scene import FloatArray
 
 NO_POINT = "a point is not [x, y] in percent"
-
-
-class UnusableError(ValueError):
-    """Why a region is skipped."""
 
 
 def region_geometry(
@@ -50,11 +46,6 @@ def is_curved(value: dict[str, Any]) -> bool:
     """Whether it is a vector with Bézier points; they are read as straight."""
     vertices = value.get("vertices")
     return isinstance(vertices, list) and any(isinstance(v, dict) and v.get("isBezier") is True for v in vertices)
-
-
-def is_number(value: Any) -> TypeGuard[float]:
-    """Whether it is a number that can be a coordinate, or a size."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PX
 
 
 def _points(value: Any) -> FloatArray:
@@ -120,7 +111,7 @@ def _brush(value: Any, size: tuple[int, int]) -> tuple[FloatArray, ...]:
 def _rectangle(value: dict[str, Any], size: tuple[int, int]) -> FloatArray:
     """Turned about its first corner, clockwise, in pixels (``convert_annotation_to_yolo_obb`` of the SDK)."""
     numbers = [value["x"], value["y"], value["width"], value["height"], value.get("rotation") or 0]
-    if not all(map(is_number, numbers)):
+    if not all(map(is_px, numbers)):
         raise UnusableError("x, y, width, height or rotation is no number")
     corner, sides = np.array(numbers[:2]) * size / 100, np.array(numbers[2:4]) * size / 100
     cos, sin = math.cos(math.radians(numbers[4])), math.sin(math.radians(numbers[4]))

@@ -7,35 +7,18 @@ region's geometry (``Result.serialize`` of Label Studio's editor): labels, choic
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-from gtlayout.io.label_studio_geometry import UnusableError, is_curved, is_drawn, is_number, region_geometry
+from gtlayout.io.checked import Notes, UnusableError, is_px, name
+from gtlayout.io.label_studio_geometry import is_curved, is_drawn, region_geometry
 from gtlayout.io.sources import RawShape
 from gtlayout.scene import FloatArray
 
 ID, ELEMENT = "id", "element"
 """Names of the per-region text fields (see ``labeling/label_studio.xml``)."""
-MAX_NAME = 1000
-
-
-@dataclass
-class Notes:
-    """What was left out or lost: each thing told once, with how often and where first."""
-
-    _counts: Counter[str] = field(default_factory=Counter)
-    _first: dict[str, str] = field(default_factory=dict)
-
-    def add(self, what: str, where: str) -> None:
-        """Count it."""
-        self._counts[what] += 1
-        self._first.setdefault(what, where)
-
-    def lines(self) -> list[str]:
-        """A line each."""
-        return [f"{what} ({n}, first in {self._first[what]})" for what, n in self._counts.items()]
 
 
 @dataclass(frozen=True)
@@ -96,14 +79,6 @@ def shapes_by_image(
     return shapes
 
 
-def name(value: Any) -> str | None:
-    """A name as it may stand in a message: printable, on one line, not endless. None = none was given."""
-    if isinstance(value, bool) or not isinstance(value, str | int):
-        return None
-    text = str(value)[:MAX_NAME]
-    return (text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)).strip() or None
-
-
 def _region(
     key: str | int, same: Sequence[dict[str, Any]], sizes: dict[int, tuple[int, int]], notes: Notes, where: str
 ) -> _Region | None:
@@ -155,7 +130,7 @@ def _names(value: Any) -> list[str]:
 
 def _size(result: dict[str, Any]) -> tuple[int, int] | None:
     size = [result.get("original_width"), result.get("original_height")]
-    width, height = (int(v) if is_number(v) and v >= 1 and int(v) == v else 0 for v in size)
+    width, height = (int(v) if is_px(v) and v >= 1 and int(v) == v else 0 for v in size)
     return (width, height) if width and height else None
 
 

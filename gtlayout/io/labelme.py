@@ -21,10 +21,9 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import files_of_kind
-from gtlayout.io.checked import Dropped, UnusableError, image_size, name, points
+from gtlayout.io.checked import Notes, UnusableError, image_size, name, points
 from gtlayout.io.files import json_text, read_json, write_all_atomic
-from gtlayout.io.masks import decode_mask, mask_polygons
-from gtlayout.io.native import simple_rings
+from gtlayout.io.masks import decode_mask, mask_polygons, simple_rings
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
@@ -44,11 +43,11 @@ def read_labelme(_root: Path, folder: Path) -> RawAnnotations:
     no file can be read.
     """
     key_frames: list[RawKeyFrame] = []
-    dropped, broken = Dropped(), []
+    notes, broken = Notes(), []
     files = files_of_kind("labelme")(folder)
     for path in files:
         try:
-            key_frame = _key_frame(path, dropped)
+            key_frame = _key_frame(path, notes)
         except GtlayoutError as error:
             broken.append(str(error))
             continue
@@ -57,7 +56,7 @@ def read_labelme(_root: Path, folder: Path) -> RawAnnotations:
     if len(broken) == len(files):
         raise GtlayoutError(broken[0] if broken else f"{folder} holds no file of LabelMe's")
     skipped = [f"{line}, skipped" for line in broken]
-    return RawAnnotations(folder, tuple(key_frames), (*skipped, *dropped.lines(folder.name)))
+    return RawAnnotations(folder, tuple(key_frames), (*skipped, *notes.lines(folder.name)))
 
 
 def write_labelme(folder: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
@@ -86,7 +85,7 @@ def write_labelme(folder: Path, frames: Sequence[Frame], key_frames: Sequence[Ke
     write_all_atomic(contents)
 
 
-def _key_frame(path: Path, dropped: Dropped) -> RawKeyFrame:
+def _key_frame(path: Path, notes: Notes) -> RawKeyFrame:
     data = read_json(path)
     shapes = data.get("shapes")
     if not isinstance(shapes, list):
@@ -98,17 +97,17 @@ def _key_frame(path: Path, dropped: Dropped) -> RawKeyFrame:
         try:
             found.append(_shape(shape))
         except UnusableError as reason:
-            dropped.add(f"shape{reason}", path.name)
+            notes.add(f"shape skipped: {reason}", path.name)
     return RawKeyFrame(image, tuple(found), image_size(data.get("imageWidth"), data.get("imageHeight")))
 
 
 def _shape(shape: Any) -> RawShape:
     label = name(shape.get("label")) if isinstance(shape, dict) else None
     if label is None:
-        raise UnusableError(" without label")
+        raise UnusableError("it has no label")
     kind, corners = shape.get("shape_type", "polygon"), shape.get("points")
     if not isinstance(corners, list) or not all(isinstance(p, list) and len(p) == 2 for p in corners):
-        raise UnusableError(": points are no pairs of finite numbers")
+        raise UnusableError("its points are no pairs of finite numbers")
     points_px = points([value for point in corners for value in point])
     polygons: tuple[FloatArray, ...] = ()
     lines: tuple[FloatArray, ...] = ()
@@ -122,7 +121,7 @@ def _shape(shape: Any) -> RawShape:
     elif kind in LINES:
         lines = (points_px,)
     else:
-        raise UnusableError(" that is no polygon, rectangle, mask, line or linestrip")
+        raise UnusableError("it is no polygon, rectangle, mask, line or linestrip")
     description = ID.fullmatch(name(shape.get("description")) or "")
     return RawShape(
         label,
@@ -135,19 +134,19 @@ def _shape(shape: Any) -> RawShape:
 
 def _mask(png_base64: Any, points_px: FloatArray) -> tuple[FloatArray, ...]:
     if not isinstance(png_base64, str) or len(points_px) != 2:
-        raise UnusableError(": a mask without two points or pixels")
+        raise UnusableError("its mask lacks its two points or its pixels")
     try:
         png = base64.b64decode(png_base64)
     except ValueError as error:
-        raise UnusableError(": a mask that is no base64") from error
+        raise UnusableError("its mask is no base64") from error
     try:
         mask = decode_mask(png)
         regions = mask_polygons(mask > 0)
     except ValueError as error:
-        raise UnusableError(f": a mask that {error}") from error
+        raise UnusableError(f"its mask {error}") from error
     beyond = mask.shape[::-1] - (points_px[1] - points_px[0])
     if not np.all((beyond > -0.5) & (beyond < 1.5)):
-        raise UnusableError(": a mask that has another size than its two points say")
+        raise UnusableError("its mask has another size than its two points say")
     return tuple(ring + points_px[0] for ring in simple_rings(regions))
 
 

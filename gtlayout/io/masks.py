@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
@@ -96,3 +97,20 @@ def _smoothed(ring: shapely.LinearRing) -> FloatArray:
     real = (lengths > 1) & (np.roll(lengths, 1) > 1)
     both = np.stack([corners, corners + runs / 2], axis=1)
     return np.asarray(both[np.column_stack([real, np.ones_like(real)])], dtype=np.float64)
+
+
+def simple_rings(region: MultiPolygon) -> list[FloatArray]:
+    """(N, 2) outer rings, without the closing point, of pieces without holes that make up the region."""
+    pieces = [piece for polygon in region.geoms for piece in _without_holes(polygon)]
+    return [np.array(piece.exterior.coords)[:-1] for piece in pieces]
+
+
+def _without_holes(polygon: Polygon) -> Iterable[Polygon]:
+    """Cut from top to bottom through the middle one of the holes, from left to right, until none is left."""
+    if not polygon.interiors:
+        return [polygon]
+    x_min, y_min, x_max, y_max = polygon.bounds
+    x_cut = sorted(hole.centroid.x for hole in polygon.interiors)[len(polygon.interiors) // 2]
+    halves = (polygon & shapely.box(x_min, y_min, x_cut, y_max), polygon & shapely.box(x_cut, y_min, x_max, y_max))
+    parts = [part for half in halves for part in shapely.get_parts(half) if isinstance(part, Polygon)]
+    return [piece for part in parts for piece in _without_holes(part)]

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
-from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import NATIVE_FILE, files_of_kind
+from gtlayout.io.checked import MAX_PX, is_px
 from gtlayout.io.files import printable, read_json, write_json_atomic
+from gtlayout.io.masks import simple_rings
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
 FORMAT = "gtlayout-annotations/1"
-MAX_PX = 1e6
-"""No image is that large: a coordinate beyond it is a slip."""
 
 
 def read_annotations(_root: Path, path: Path) -> RawAnnotations:
@@ -63,12 +61,6 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
     write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if sizes else None, "frames": entries})
 
 
-def simple_rings(region: MultiPolygon) -> list[FloatArray]:
-    """(N, 2) outer rings, without the closing point, of pieces without holes that make up the region."""
-    pieces = [piece for polygon in region.geoms for piece in _without_holes(polygon)]
-    return [np.array(piece.exterior.coords)[:-1] for piece in pieces]
-
-
 def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) -> RawKeyFrame:
     if not isinstance(data, dict) or not isinstance(data.get("image"), str) or not data["image"]:
         raise GtlayoutError(f"{path}: frame number {index} has no image name")
@@ -111,14 +103,10 @@ def _list(data: dict[str, Any], key: str, where: str, *, required: bool = False)
 def _points(value: Any, where: str) -> FloatArray:
     """(N, 2) from a list of [x, y]."""
     if not isinstance(value, list) or not all(
-        isinstance(p, list) and len(p) == 2 and all(map(_is_px, p)) for p in value
+        isinstance(p, list) and len(p) == 2 and all(map(is_px, p)) for p in value
     ):
         raise GtlayoutError(f"{where} must be a list of [x, y] in pixels, all of them finite numbers")
     return np.array(value, dtype=np.float64).reshape(-1, 2)
-
-
-def _is_px(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= MAX_PX
 
 
 def _image_size(value: Any, path: Path) -> tuple[int, int] | None:
@@ -127,17 +115,6 @@ def _image_size(value: Any, path: Path) -> tuple[int, int] | None:
     if not isinstance(value, list) or len(value) != 2 or not all(type(v) is int and 0 < v <= MAX_PX for v in value):
         raise GtlayoutError(f"{path}: image_size must be [width, height] in pixels, not {value!r}")
     return value[0], value[1]
-
-
-def _without_holes(polygon: Polygon) -> Iterable[Polygon]:
-    """Cut from top to bottom through the middle one of the holes, from left to right, until none is left."""
-    if not polygon.interiors:
-        return [polygon]
-    x_min, y_min, x_max, y_max = polygon.bounds
-    x_cut = sorted(hole.centroid.x for hole in polygon.interiors)[len(polygon.interiors) // 2]
-    halves = (polygon & shapely.box(x_min, y_min, x_cut, y_max), polygon & shapely.box(x_cut, y_min, x_max, y_max))
-    parts = [part for half in halves for part in shapely.get_parts(half) if isinstance(part, Polygon)]
-    return [piece for part in parts for piece in _without_holes(part)]
 
 
 READER = Reader("native", NATIVE_FILE, files_of_kind("native"), read_annotations)
