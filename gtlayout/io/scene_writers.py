@@ -13,6 +13,7 @@ from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.cad_estate_export import FRAME_US, write_clip, write_masks
 from gtlayout.io.coco import write_coco
 from gtlayout.io.colmap import write_colmap
+from gtlayout.io.cvat_export import write_cvat
 from gtlayout.io.exports import write_depth, write_image, write_jpeg, write_truth
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.labelme import write_labelme
@@ -24,7 +25,7 @@ from gtlayout.io.scannet import write_scannet
 from gtlayout.scene import Frame, KeyFrame, Scene
 
 CameraFormat = Literal["native", "colmap", "re10k", "scannet", "cad-estate"]
-AnnotationFormat = Literal["native", "coco", "labelme", "cad-estate"]
+AnnotationFormat = Literal["native", "cvat", "coco", "labelme", "cad-estate"]
 NO_ADDRESS = "file://"
 """RealEstate10k's first line is the address of a video on the net."""
 ElementIds = dict[tuple[int, int], str]
@@ -118,6 +119,7 @@ METRIC_FORMATS: frozenset[CameraFormat] = frozenset({"scannet"})
 """Their unit is the metre; others do not say."""
 ANNOTATION_WRITERS: dict[AnnotationFormat, AnnotationWriter] = {
     "native": write_to(NATIVE_FILE, write_annotations),
+    "cvat": write_to("annotations.xml", write_cvat),
     "coco": write_to("coco.json", write_coco),
     "labelme": _write_labelme,
     "cad-estate": write_masks,
