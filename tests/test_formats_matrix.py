@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camera_writers import CameraWriter, write_colmap_binary, writer_of
+from conftest import SHARED_DATA
 from label_studio_writer import write_label_studio
 
 from gtlayout.config import Config
@@ -21,12 +22,13 @@ from gtlayout.io.scene_writers import (
     CAMERA_WRITERS,
     METRIC_FORMATS,
     AnnotationWriter,
+    CameraFormat,
     write_scene,
     write_to,
 )
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
-from gtlayout.method import solve
+from gtlayout.method import Solution, solve
 from gtlayout.scene import OPENINGS, Scene
 from gtlayout.synth import SynthConfig, synthesize
 
@@ -40,6 +42,7 @@ ANNOTATIONS: dict[str, AnnotationWriter] = {
     **{str(name): write for name, write in ANNOTATION_WRITERS.items()},
     "label-studio": write_to("label_studio.json", write_label_studio),
 }
+OFFICE = SHARED_DATA / "office"
 SAME = 1e-6
 """Of poses, intrinsics and normals; of d relative to 1 m."""
 WITHOUT_OCCLUSION_EDGES = ("coco",)
@@ -89,11 +92,7 @@ def test_every_format_says_the_same(
 ) -> None:
     scene, layout = solved(cameras, annotations)
     assert scene.metric
-    for frame, expected in zip(scene.frames, original.frames, strict=True):
-        for name in ("K", "R_cam_from_world", "t_cam_from_world"):
-            np.testing.assert_allclose(
-                getattr(frame.camera, name), getattr(expected.camera, name), rtol=0, atol=SAME, err_msg=name
-            )
+    _assert_same_cameras(scene, original)
     assert [key_frame.frame for key_frame in scene.key_frames] == [key_frame.frame for key_frame in original.key_frames]
     reference = solved("native", annotations)[1]
     angle_deg, offset_m = _difference(layout, reference)
@@ -134,6 +133,50 @@ def test_truth_goes_along(
     }
 
 
+@pytest.mark.parametrize("cameras", CAMERA_WRITERS)
+def test_real_clips_in_every_format(real_clip: Path, tmp_path: Path, cameras: CameraFormat) -> None:
+    """Cameras, images byte by byte, annotations and, where the format has it, depth."""
+    scene = load_scene(real_clip)
+    write_scene(scene, tmp_path / "clip_0", cameras, "native")
+    read = load_scene(tmp_path / "clip_0")
+    assert read.metric
+    _assert_same_cameras(read, scene)
+    has_depth = cameras in ("native", "colmap", "scannet")
+    for before, after in zip(scene.frames, read.frames, strict=True):
+        assert after.image_path.read_bytes() == before.image_path.read_bytes()
+        assert (after.depth_path is not None) == (before.depth_path is not None and has_depth)
+        if before.depth_path is not None and after.depth_path is not None:
+            assert after.depth_path.read_bytes() == before.depth_path.read_bytes()
+    for key, expected in zip(read.key_frames, scene.key_frames, strict=True):
+        assert key.frame == expected.frame
+        assert [element.id for element in key.elements] == [element.id for element in expected.elements]
+        assert all(a.amodal.equals(b.amodal) for a, b in zip(key.elements, expected.elements, strict=True))
+
+
+@pytest.fixture(scope="module")
+def office() -> tuple[Scene, Solution]:
+    """The real clip, solved."""
+    if not OFFICE.is_dir():
+        pytest.skip("real clip office is not beside the checkout")
+    scene = load_scene(OFFICE)
+    return scene, solve(scene, Config())
+
+
+@pytest.mark.parametrize("cameras", CAMERA_WRITERS)
+def test_a_real_clip_solves_to_the_same_figures(
+    office: tuple[Scene, Solution], tmp_path: Path, cameras: CameraFormat
+) -> None:
+    scene, expected = office
+    write_scene(scene, tmp_path / "office_0", cameras, "native")
+    solution = solve(load_scene(tmp_path / "office_0"), Config())
+    angle_deg, offset_m = _difference(solution.layout, expected.layout)
+    print(cameras, angle_deg, offset_m, abs(solution.quality.iou - expected.quality.iou))
+    assert len(solution.layout.planes) == len(expected.layout.planes)
+    assert np.deg2rad(angle_deg) < SAME
+    assert offset_m < SAME
+    assert solution.quality.iou == pytest.approx(expected.quality.iou, abs=SAME)
+
+
 def _write(scene: Scene, out: Path, cameras: str, annotations: str) -> Path:
     if cameras in CAMERA_WRITERS and annotations in ANNOTATION_WRITERS:
         write_scene(scene, out, cameras, annotations)
@@ -142,6 +185,13 @@ def _write(scene: Scene, out: Path, cameras: str, annotations: str) -> Path:
         if cameras not in METRIC:
             write_json_atomic(out / SCENE_FILE, {"metric": True})
     return out
+
+
+def _assert_same_cameras(scene: Scene, expected: Scene) -> None:
+    for frame, other in zip(scene.frames, expected.frames, strict=True):
+        for name in ("K", "R_cam_from_world", "t_cam_from_world"):
+            found, wanted = getattr(frame.camera, name), getattr(other.camera, name)
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=SAME, err_msg=f"{frame.name}: {name}")
 
 
 def _difference(layout: Layout, expected: Layout) -> tuple[float, float]:
