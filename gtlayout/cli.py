@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -21,13 +21,16 @@ from gtlayout.visualize import Observer, RerunMode, open_log, rerun_observer
 RESULTS = "gtlayout"
 """Folder inside the scene that results go to."""
 LOG = "log.rrd"
+SUSPICIOUS = 3
+"""Exit status of a check that found something."""
 SHOWN_WARNINGS = 5
 """More than these are only counted, unless -v is given."""
 
 app = App(
     name="gtlayout",
     help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
-    help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 130 interrupted.",
+    help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 3 something suspicious "
+    "(check), 130 interrupted.",
     version=__version__,
     suppress_keyboard_interrupt=False,
 )
@@ -95,12 +98,7 @@ def solve(
         console.print(dimension)
     if solution.cameras is not None:
         console.print(camera_line(solution.cameras, scene.metric))
-    warnings = solution.scene.warnings
-    shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
-    for warning in shown:
-        console.print(f"warning: {warning}", style="yellow")
-    if len(shown) < len(warnings):
-        console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
+    print_warnings(console, solution.scene.warnings, verbose)
     if verbose:
         for stage, seconds in solution.timings_s.items():
             console.print(f"{stage:<16}{seconds:8.2f} s")
@@ -140,6 +138,33 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
 
 
 @app.command
+def check(scene_dir: SceneDir, /) -> int:
+    """List everything suspicious in a scene folder, before it is solved: one line each, then how many.
+
+    Looked at are images, annotations, whether the cameras fit the images (axes, inverted poses, timestamps), their unit
+    and their motion. Nothing is written.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    """
+    from gtlayout.check import contents, suspicions
+    from gtlayout.io import load_scene
+
+    scene = load_scene(scene_dir)
+    with progress_bars() as progress:
+        progress.stage("images")
+        found = suspicions(scene, progress.progress)
+    console = stdout()
+    for line in found:
+        console.print(line, style="yellow")
+    counted = f"{len(found)} warning{'s' if len(found) > 1 else ''}" if found else "nothing suspicious"
+    console.print(f"{counted}: {contents(scene)}")
+    return SUSPICIOUS if found else 0
+
+
+@app.command
 def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
     """Open what `solve --rerun save` logged in the rerun viewer.
 
@@ -159,6 +184,12 @@ app.command(
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
 )
 
+app.command(
+    "gtlayout.import_command:import_",
+    name="import",
+    help="Turn cameras, video and annotations of any known format into a scene folder, undistorted.",
+)
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
@@ -166,10 +197,13 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) -> int:
-    """Run a command line and return its exit status. Unknown exceptions are bugs and keep their traceback."""
+    """Run a command line and return its exit status: the command's own, or 0 when it returns none.
+
+    Unknown exceptions are bugs and keep their traceback.
+    """
     name = app.name[0]
     try:
-        app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
+        status = app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
     except CycloptsError:
         return 2
     except GtlayoutError as error:
@@ -178,12 +212,21 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
     except KeyboardInterrupt:
         print(f"{name}: {when_interrupted}", file=sys.stderr)
         return 130
-    return 0
+    return status if isinstance(status, int) else 0
 
 
 def stdout() -> Console:
     """Prints text as it is, never wrapped: paths and names stay whole in a log."""
     return Console(highlight=False, markup=False, soft_wrap=True)
+
+
+def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> None:
+    """Print the first warnings, or all of them."""
+    shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
+    for warning in shown:
+        console.print(f"warning: {warning}", style="yellow")
+    if len(shown) < len(warnings):
+        console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
 
 
 class _ProgressBars(Observer):

@@ -93,6 +93,18 @@ def arkitscenes(root: Path, cameras: Sequence[Camera]) -> list[Path]:
     return [_text(root / "lowres_wide.traj", "\n".join(lines) + "\n"), *files]
 
 
+def re10k(root: Path, cameras: Sequence[Camera]) -> list[Path]:
+    times = [100_000 * i for i in range(len(cameras))]
+    _images(root, [f"images/{time}.jpg" for time in times], "images")
+    lines = ["https://example.org/watch?v=vid"]
+    for time, camera in zip(times, cameras, strict=True):
+        fx, fy, cx, cy = _intrinsics(camera, ("fx", "fy", "cx", "cy"), ()).values()
+        shares = [fx / WIDTH, fy / HEIGHT, cx / WIDTH, cy / HEIGHT]
+        pose = np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world]).ravel().tolist()
+        lines.append(" ".join([str(time), *map(repr, shares), "0", "0", *map(repr, pose)]))
+    return [_text(root / "cameras.txt", "\n".join(lines) + "\n")]
+
+
 def polycam(root: Path, cameras: Sequence[Camera]) -> list[Path]:
     stems = [str(262195552056 + 1000 * i) for i in range(len(cameras))]
     _images(root, [f"keyframes/corrected_images/{stem}.jpg" for stem in stems], "keyframes/corrected_images")
@@ -109,7 +121,7 @@ FORMATS: dict[str, Write] = {
     write.__name__: write
     for write in (
         *(colmap_text, colmap_binary, nerfstudio, cad_estate),
-        *(scannet, seven_scenes, arkitscenes, polycam),
+        *(scannet, seven_scenes, arkitscenes, polycam, re10k),
     )
 }
 

@@ -36,7 +36,7 @@ def region(
         "to_name": "image",
         "origin": "manual",
     }
-    labelled = {**common, "value": {**value, kind: [label]}, "from_name": "label", "type": kind}
+    labelled = {**common, "value": {**value, kind: [label]}, "from_name": kind.removesuffix("labels"), "type": kind}
     said = [
         {**common, "value": {**value, "text": [text]}, "from_name": tag, "type": "textarea"}
         for tag, text in texts.items()

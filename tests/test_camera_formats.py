@@ -46,6 +46,7 @@ def test_where_each_format_has_its_principal_point(tmp_path: Path) -> None:
         "scannet": ("intrinsic_color.txt", "60.0 0.0 31.5"),
         "seven_scenes": ("camera-intrinsics.txt", "60.0 0.0 32.0"),
         "arkitscenes": ("42446103_78067.083.pincam", "64 48 60.0 60.0 32.0 24.0"),
+        "re10k": ("cameras.txt", "0 0.9375 1.25 0.5 0.5 0 0 1.0"),
         "polycam": ("262195552056.json", '"cx": 32.0, "cy": 24.0'),
     }
     for name, (file, text) in held.items():

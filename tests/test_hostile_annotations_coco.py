@@ -22,7 +22,7 @@ from gtlayout.io import coco, labelme, native
 from gtlayout.io.cad_estate import read_masks
 from gtlayout.io.files import write_atomic
 from gtlayout.io.key_frames import build_key_frames
-from gtlayout.io.masks import PNG_HEAD, mask_polygons
+from gtlayout.io.masks import PNG_HEAD, decode_mask, mask_polygons
 from gtlayout.io.room_structure import read_room_structure
 from gtlayout.io.sources import RawAnnotations, Reader
 from gtlayout.scene import Camera, Frame
@@ -231,6 +231,10 @@ def test_masks_are_not_unpacked_before_their_size_is_known(folder: Path) -> None
     read = _read("labelme", folder, json.dumps({**FORMATS["labelme"][2], "shapes": [MASK, huge]}).encode())
     assert read is not None
     assert "claims to have more than" in read.warnings[0]
+    long_chunk = bytearray(_png(2, 2, b"\0\1\1\0\1\1"))
+    long_chunk[33] = 0x80  # the image data's length
+    with pytest.raises(ValueError, match="damaged"):
+        decode_mask(bytes(long_chunk))
     noise = np.indices((1100, 1100)).sum(axis=0) % 2 > 0
     with pytest.raises(ValueError, match="noise"):
         mask_polygons(noise)

@@ -41,7 +41,7 @@ HOSTILE = st.one_of(
     st.sampled_from([[], {}, [[]], [{}], {"id": {}}, [[1, 2]] * 3, {"rle": [1] * 9}, {"points": 3}, [0] * 5000]),
 )
 QUICK = settings(
-    max_examples=100, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=60, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

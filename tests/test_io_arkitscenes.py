@@ -130,10 +130,10 @@ def test_depth_without_intrinsics_is_left_out(scan: Path) -> None:
 def test_bad_lines_are_counted(scan: Path) -> None:
     path = scan / "lowres_wide.traj"
     lines = path.read_text().splitlines()
-    path.write_text("\n".join(["1 2 3", *lines[:4], "78067.483 nan 0 0 0 0 0"]))
+    path.write_text("\n".join(["1 2 3", *lines[:4], "78067.483 nan 0 0 0 0 0", "78067.483 1e300 0 0 0 0 0"]))
     scene = load_scene(scan)
     assert len(scene.frames) == 4
-    assert "2 lines are no 7 finite numbers and were skipped, first line 1" in scene.warnings[0]
+    assert "3 lines are no pose and were skipped, first line 1" in scene.warnings[0]
 
 
 @pytest.mark.parametrize(

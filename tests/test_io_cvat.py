@@ -178,6 +178,20 @@ def test_frames_of_a_video_task_with_a_step(tmp_path: Path, kind: str) -> None:
     assert _same(visible.polygons, shapely.box(3, 2, 5, 4))
 
 
+def test_grouped_tracks_are_parts_of_one(tmp_path: Path) -> None:
+    track = (
+        '<track id="{0}" label="wall" group_id="{1}"><polygon frame="2" keyframe="1" outside="0" points="{2}"/></track>'
+    )
+    raw = _read(
+        tmp_path,
+        f"<annotations>{track.format(0, 1, '0,0;9,0;9,9')}{track.format(1, 1, '20,0;29,0;29,9')}"
+        f"{track.format(2, 0, '40,0;49,0;49,9')}</annotations>",
+    )
+    assert [(s.id, s.group) for s in raw.key_frames[0].shapes] == [(None, "1"), (None, "1"), ("track_2", None)]
+    (key_frame,), _ = build_key_frames(raw, [_frame("frame_000002.png")], (), {})
+    assert [(e.id, len(e.amodal.geoms)) for e in key_frame.elements] == [("wall_1", 2), ("track_2", 1)]
+
+
 def test_the_tasks_of_a_project_are_kept_apart(tmp_path: Path) -> None:
     task = "<task><id>{}</id><size>5</size></task>"
     track = (

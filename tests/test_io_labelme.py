@@ -31,7 +31,7 @@ def _png(image: Any) -> str:
 
 
 def _shape(points: Any = SQUARE, label: Any = "wall", **fields: Any) -> dict[str, Any]:
-    common = {"group_id": None, "description": "", "shape_type": "polygon", "flags": {}, "mask": None}
+    common: dict[str, Any] = {"group_id": None, "description": "", "shape_type": "polygon", "flags": {}, "mask": None}
     return {"label": label, "points": points, **common, **fields}
 
 

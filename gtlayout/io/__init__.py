@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -69,15 +70,17 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
     """
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")
-    camera_reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
-    cameras = camera_reader.read(root, camera_file)
+    reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
     metric = _metric_said(root / SCENE_FILE)
+    scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=annotated)
+    return scene if metric is None else replace(scene, metric=metric)
+
+
+def scene_of(root: Path, cameras: PosedImages, annotations: Path, *, annotated: bool) -> Scene:
+    """The scene that ``cameras`` and the annotations in the file or folder ``annotations`` make; see ``load_scene``."""
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
-    key_frames, annotation_warnings = _key_frames(annotations or root, frames, without_image, annotated)
-    if metric is None:
-        metric = cameras.metric
-    if metric is None:
-        metric = any(frame.depth_path for frame in frames)
+    key_frames, annotation_warnings = _key_frames(annotations, frames, without_image, annotated)
+    metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
     return Scene(root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *annotation_warnings))
 
 

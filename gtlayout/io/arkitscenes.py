@@ -31,6 +31,8 @@ TOLERANCE_S = 0.001
 """Between pose and image: the names of images are rounded to milliseconds."""
 INTRINSICS_TOLERANCE_S = 0.1
 """One step of 10 Hz: the focus moves slowly."""
+MAX_ANGLE = 1e3
+"""Radians; an axis-angle beyond it is damage, not many turns."""
 TIME = re.compile(r"(?:.*_)?(\d+(?:\.\d+)?)")
 """The stem of an image or of a .pincam: the scan's id, if any, and the time in seconds."""
 
@@ -99,22 +101,22 @@ def _read_trajectory(path: Path) -> tuple[FloatArray, list[FloatArray], list[str
     times, poses, bad = [], [], []
     for number, line in enumerate(_text(path).splitlines(), start=1):
         values = _floats(line)
-        if values is not None and len(values) == 7:
+        if values is not None and len(values) == 7 and np.all(np.abs(values[1:4]) <= MAX_ANGLE):
             times.append(values[0])
             poses.append(values[1:])
         elif line.strip():
             bad.append(number)
     if not poses:
         raise GtlayoutError(f"{path} holds no pose; a line is: seconds, axis-angle (3), translation (3)")
-    many = f"{path}: {len(bad)} lines are no 7 finite numbers and were skipped, first line {bad[0]}" if bad else ""
+    many = f"{path}: {len(bad)} lines are no pose and were skipped, first line {bad[0]}" if bad else ""
     return np.array(times), poses, [many] if many else []
 
 
 def _read_pincam(path: Path) -> pycolmap.Camera:
     """The camera; its principal point counts from the corner of the first pixel.
 
-    DATA.md does not say so: it is an assumption. Apple's other intrinsics count so (AVCameraCalibrationData's
-    intrinsicMatrix), and the published ones lie about the middle of the image so.
+    DATA.md does not say so: it is an assumption, from how Apple documents its intrinsic matrix elsewhere
+    (AVCameraCalibrationData).
     """
     values = _floats(_text(path))
     if values is None or len(values) != 6:

@@ -147,7 +147,10 @@ def _tracks(root: Node, sequence: _Sequence, skipped: _Skipped) -> tuple[list[Ra
 
 
 def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> RawShape | None:
-    """None when it is left out. In a track, label and group are the track's, so is an id where none is written."""
+    """None when it is left out. Label and group are the track's, if it is of one.
+
+    So is an id where none is written, unless the track is grouped: parts of an element are told by their group then.
+    """
     try:
         polygons, lines = geometry(node)
         z_order = int(node.get("z_order", 0))
@@ -159,14 +162,15 @@ def _shape(node: Node, track: Node | None, where: str, skipped: _Skipped) -> Raw
         return None
     owner = node if track is None else track
     said = {each.get("name", "").casefold(): _line(each.text or "").strip() for each in node.iterfind("attribute")}
-    group = _line(owner.get("group_id", "0"))
+    group = _line(owner.get("group_id", "")).strip().removeprefix("0") or None  # 0 is no group
+    of_track = None if track is None or group else _line(f"track_{track.get('id')}")
     return RawShape(
         _line(owner.get("label", "")),
         polygons,
         lines,
-        id=said.get("id") or (None if track is None else _line(f"track_{track.get('id')}")),
+        id=said.get("id") or of_track,
         element=said.get("element") or None,
-        group=None if group == "0" else group,
+        group=group,
         z_order=z_order,
     )
 

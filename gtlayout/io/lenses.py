@@ -14,6 +14,10 @@ from gtlayout.io.registration import Pinhole
 
 MAX_SIDE_PX = 1 << 16
 """No image is larger (JPEG's limit); a file that says so must not make us allocate it."""
+FOCAL_SHARES = (1e-3, 1e3)
+"""Of the image's longer side: from any fisheye to any telescope."""
+MAX_PARAMETER = 1e9
+"""Principal points and distortion coefficients; beyond it, a number is damage."""
 MAX_STRETCH = 0.01
 """Images may come in another size than their cameras say, but not in another shape."""
 
@@ -43,9 +47,11 @@ def lens(model: str, size: tuple[float, float], params: Sequence[float], where: 
 
 def check_lens(camera: pycolmap.Camera, where: str) -> None:
     """Raises GtlayoutError, beginning with ``where``, for a camera that cannot be one."""
-    focals = camera.params[camera.focal_length_idxs()]
-    sides = (camera.width, camera.height)
-    if not np.all(np.isfinite(camera.params)) or np.any(focals <= 0) or min(sides) < 2 or max(sides) > MAX_SIDE_PX:
+    width, height = camera.width, camera.height
+    sizes = min(width, height) >= 2 and max(width, height) <= MAX_SIDE_PX
+    shares = camera.params[camera.focal_length_idxs()] / max(width, height, 1)
+    focals = np.all((shares >= FOCAL_SHARES[0]) & (shares <= FOCAL_SHARES[1]))
+    if not sizes or not focals or not np.all(np.abs(camera.params) <= MAX_PARAMETER):
         raise GtlayoutError(f"{where} has no valid size and focal length")
 
 

@@ -16,6 +16,7 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_atomic
+from gtlayout.io.lenses import lens
 from gtlayout.io.poses import nearest_rotation
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.io.timed_images import find_timed_images
@@ -86,7 +87,7 @@ def read_re10k(root: Path, path: Path) -> PosedImages:
         PosedImage(
             image_path.name,
             image_path,
-            _pinhole(camera, *found.size),
+            _pinhole(camera, found.size, f"{path}: camera {camera.timestamp_us}"),
             camera.R_cam_from_world,
             camera.t_cam_from_world,
             video=video_frame,
@@ -134,10 +135,9 @@ def _camera(line: str, where: str) -> Re10kCamera:
     return Re10kCamera(timestamp_us, (fx, fy), (cx, cy), rotation, cam_from_world[:, 3])
 
 
-def _pinhole(camera: Re10kCamera, width: int, height: int) -> pycolmap.Camera:
-    (fx, fy), (cx, cy) = camera.focal_shares, camera.center_shares
-    params = [fx * width, fy * height, cx * width, cy * height]
-    return pycolmap.Camera(model="PINHOLE", width=width, height=height, params=params)
+def _pinhole(camera: Re10kCamera, size: tuple[int, int], where: str) -> pycolmap.Camera:
+    shares = (*camera.focal_shares, *camera.center_shares)
+    return lens("PINHOLE", size, [share * side for share, side in zip(shares, size * 2, strict=True)], where)
 
 
 def _detect(root: Path) -> list[Path]:

@@ -1,0 +1,33 @@
+"""What looks wrong in a scene before it is solved. Nothing is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gtlayout.check.annotations import annotation_suspicions
+from gtlayout.check.cameras import camera_suspicions, fits_images
+from gtlayout.check.images import look_through
+from gtlayout.check.motion import motion_suspicions
+from gtlayout.check.scale import scale_suspicions
+from gtlayout.scene import Scene
+
+
+def contents(scene: Scene) -> str:
+    """What is in the scene, in numbers."""
+    elements = sum(len(key_frame.elements) for key_frame in scene.key_frames)
+    unit = "metric" if scene.metric else "without a unit"
+    return f"{len(scene.frames)} frames, {len(scene.key_frames)} key frames, {elements} elements, {unit}"
+
+
+def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done, _total: None) -> list[str]:
+    """All that is suspicious about ``scene``, a line each: what, in which file, frame or element, and what to do.
+
+    First what its readers said, then images, annotations, cameras, scale and motion. Every image is decoded once;
+    ``progress`` is told (frames done, frames in all). What depends on the cameras' poses is left out when these do not
+    fit the images.
+    """
+    seen = look_through(scene, progress)
+    lines = [*scene.warnings, *seen.lines, *annotation_suspicions(scene), *camera_suspicions(scene, seen.matches)]
+    if seen.matches and fits_images(scene, seen.matches):
+        lines += [*scale_suspicions(scene, seen.matches), *motion_suspicions(scene, seen.matches)]
+    return lines

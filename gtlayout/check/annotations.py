@@ -1,0 +1,91 @@
+"""Drawings that contradict each other or themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import shapely
+from shapely import LineString
+
+from gtlayout.scene import Element, FloatArray, Scene
+
+MIN_KEY_FRAMES = 3
+"""What is annotated once or twice can hardly contradict itself: nothing shows where the annotation is wrong."""
+MAX_OVERLAP = 0.2
+"""Share of the smaller of two elements with one label that the other may cover."""
+SAME_IOU = 0.9
+"""Two elements that have so much in common were meant as one."""
+MIN_INSIDE = 0.5
+"""Share of an element's visible part that must lie in its polygon."""
+MAX_STRAY_PX = 10.0
+"""An occlusion edge separates elements, so it runs along their outlines; this far off it does nothing …"""
+MAX_STRAY_SHARE = 0.5
+"""… and is not one when so much of it does."""
+
+
+def annotation_suspicions(scene: Scene) -> list[str]:
+    """Too few key frames, then what is drawn twice, outside of itself or along nothing, key frame by key frame."""
+    lines = []
+    for k, key_frame in enumerate(scene.key_frames):
+        name = scene.frame_of(k).name
+        lines += [f"{name}: {line}" for line in _drawn_twice(key_frame.elements)]
+        lines += [f"{name}: {line}" for line in _visible_outside(key_frame.elements)]
+        lines += [f"{name}: {line}" for line in _stray_edges(key_frame.elements, key_frame.occlusion_edges)]
+    return [*_few(scene), *_without_visible(scene), *lines]
+
+
+def _few(scene: Scene) -> list[str]:
+    if len(scene.key_frames) >= MIN_KEY_FRAMES:
+        return []
+    return [f"{len(scene.key_frames)} key frame(s) only: annotate at least {MIN_KEY_FRAMES}, from different places"]
+
+
+def _without_visible(scene: Scene) -> list[str]:
+    """Key frames without any visible part; none when no key frame has one, which the readers say."""
+    bare = [
+        scene.frame_of(k).name
+        for k, key_frame in enumerate(scene.key_frames)
+        if all(element.visible.is_empty for element in key_frame.elements)
+    ]
+    if len(bare) == len(scene.key_frames):
+        return []
+    return [f"{name}: no visible part drawn, so points on furniture are tracked, too" for name in bare]
+
+
+def _drawn_twice(elements: tuple[Element, ...]) -> Iterator[str]:
+    for a, b in combinations(elements, 2):
+        if not a.amodal.intersects(b.amodal):
+            continue
+        both = a.amodal.intersection(b.amodal).area
+        smaller = min(a.amodal.area, b.amodal.area)
+        which = f"elements {a.id} ({a.label}) and {b.id} ({b.label})"
+        if both > SAME_IOU * (a.amodal.area + b.amodal.area - both):
+            yield f"{which} are almost the same polygon: delete one"
+        elif a.label == b.label and both > MAX_OVERLAP * smaller:
+            yield f"{which} overlap by {both / smaller:.0%} of the smaller: one label wrong, or one drawn too large"
+
+
+def _visible_outside(elements: tuple[Element, ...]) -> Iterator[str]:
+    for element in elements:
+        if element.visible.is_empty:
+            continue
+        inside = element.visible.intersection(element.amodal).area / element.visible.area
+        if inside < MIN_INSIDE:
+            yield (
+                f"element {element.id} ({element.label}): {1 - inside:.0%} of its visible part lies outside of it; "
+                "is it another element's?"
+            )
+
+
+def _stray_edges(elements: tuple[Element, ...], occlusion_edges: tuple[FloatArray, ...]) -> Iterator[str]:
+    near = shapely.union_all([element.amodal.boundary for element in elements]).buffer(MAX_STRAY_PX)
+    for points_px in occlusion_edges:
+        edge = LineString(points_px)
+        stray = edge.difference(near).length / edge.length if edge.length else 0.0
+        if stray > MAX_STRAY_SHARE:
+            x, y = points_px[0]
+            yield (
+                f"the occlusion edge from ({x:.0f}, {y:.0f}) is more than {MAX_STRAY_PX:g} px from every outline "
+                f"over {stray:.0%} of its length: draw it along the boundary it means"
+            )

@@ -1,0 +1,78 @@
+"""The command ``gtlayout import``. Loaded only when it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+from cyclopts.validators import Number
+
+from gtlayout.cli import print_warnings, progress_bars, stdout
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.importing import import_scene
+from gtlayout.io.labeling import label_config as read_label_config
+
+NO_NEGATIVE = Parameter(negative=())
+
+
+def import_(
+    source: Annotated[Path | None, Parameter(name="SRC")] = None,
+    out: Annotated[Path | None, Parameter(name="OUT")] = None,
+    /,
+    *,
+    annotations: Path | None = None,
+    colmap: Annotated[bool, NO_NEGATIVE] = False,
+    rate: Annotated[float, Parameter(validator=Number(gt=0))] = 5.0,
+    depth_scale: Path | None = None,
+    known_distance: Path | None = None,
+    label_config: Literal["cvat", "label-studio"] | None = None,
+    verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
+) -> None:
+    """Turn cameras, video and annotations of any known format into a scene folder, undistorted.
+
+    SRC may lack annotations: annotate the images in OUT/images, put the tool's export into OUT, and solve it.
+
+    Parameters
+    ----------
+    source
+        A folder with cameras and images or a video; with --colmap a video or a folder of images.
+    out
+        The scene folder to make; it must not exist or be empty.
+    annotations
+        File or folder of annotations that lie elsewhere.
+    colmap
+        Find the cameras with COLMAP: features, sequential matching, incremental mapping, on the CPU.
+    rate
+        With --colmap and a video: frames to take per second; of each interval the sharpest.
+    depth_scale
+        Make the scene metric by depth maps: a 16-bit PNG in millimetres called like its frame, or a folder of them.
+        With --colmap or COLMAP cameras.
+    known_distance
+        Make the scene metric by a known distance between two points, each marked in two or more frames:
+        {"metres": 2.03, "points": [{"000010.jpg": [x, y], "000040.jpg": [x, y]}, {…}]}.
+    label_config
+        Print the labels of this task for an annotation tool, ready to load, and do nothing else.
+    verbose
+        Print every warning.
+    """
+    console = stdout()
+    if label_config is not None:
+        console.print(read_label_config(label_config), end="")
+        return
+    if source is None or out is None:
+        raise GtlayoutError("import needs SRC and OUT (or --label-config cvat|label-studio)")
+    with progress_bars() as progress:
+        imported = import_scene(
+            source,
+            out,
+            annotations,
+            rate_hz=rate if colmap else None,
+            depth_scale=depth_scale,
+            known_distance=known_distance,
+            observer=progress,
+        )
+    for line in imported.told:
+        console.print(line)
+    print_warnings(console, imported.scene.warnings, verbose)
+    console.print(f"Scene: {out}")
