@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from camera_writers import CameraWriter, write_colmap_binary, writer_of
+from camera_writers import write_colmap_binary, writer_of
 from conftest import SHARED_DATA
 from label_studio_writer import write_label_studio
 
@@ -23,6 +23,7 @@ from gtlayout.io.scene_writers import (
     METRIC_FORMATS,
     AnnotationWriter,
     CameraFormat,
+    CameraWriter,
     write_scene,
     write_to,
 )
@@ -97,7 +98,6 @@ def test_every_format_says_the_same(
     reference = solved("native", annotations)[1]
     angle_deg, offset_m = _difference(layout, reference)
     assert len(layout.planes) == len(reference.planes)
-    print(cameras, annotations, angle_deg, offset_m)
     assert np.deg2rad(angle_deg) < SAME
     assert offset_m < SAME
 
@@ -116,7 +116,6 @@ def test_annotations_differ_by_their_rounding(
     labels = [instance.label for instance in expected.instances if instance.label not in merged]
     assert sorted(instance.label for instance in layout.instances) == sorted(labels)
     angle_deg, offset_m = _difference(layout, expected)
-    print(annotations, angle_deg, offset_m)
     most_deg, most_m = ROUNDING[annotations]
     assert angle_deg < most_deg
     assert offset_m < most_m
@@ -170,7 +169,6 @@ def test_a_real_clip_solves_to_the_same_figures(
     write_scene(scene, tmp_path / "office_0", cameras, "native")
     solution = solve(load_scene(tmp_path / "office_0"), Config())
     angle_deg, offset_m = _difference(solution.layout, expected.layout)
-    print(cameras, angle_deg, offset_m, abs(solution.quality.iou - expected.quality.iou))
     assert len(solution.layout.planes) == len(expected.layout.planes)
     assert np.deg2rad(angle_deg) < SAME
     assert offset_m < SAME

@@ -30,6 +30,10 @@ NO_ADDRESS = "file://"
 """RealEstate10k's first line is the address of a video on the net."""
 ElementIds = dict[tuple[int, int], str]
 """(key frame, element) → its id in the file; elements that have none there are left out."""
+CameraWriter = Callable[[Scene, Path], tuple[Frame, ...]]
+"""Writes a scene's images and cameras to a folder; returns the frames as they are there."""
+AnnotationWriter = Callable[[Scene, Path], ElementIds]
+"""Writes a scene's key frames, of frames that are there already, to a folder."""
 
 
 def write_scene(scene: Scene, out: Path, cameras: CameraFormat, annotations: AnnotationFormat) -> None:
@@ -106,15 +110,13 @@ def _own_ids(scene: Scene) -> ElementIds:
     return {(k, e): element.id for k, key in enumerate(scene.key_frames) for e, element in enumerate(key.elements)}
 
 
-AnnotationWriter = Callable[[Scene, Path], ElementIds]
-CAMERA_WRITERS: dict[CameraFormat, Callable[[Scene, Path], tuple[Frame, ...]]] = {
+CAMERA_WRITERS: dict[CameraFormat, CameraWriter] = {
     "native": _write_nerfstudio,
     "colmap": _write_colmap,
     "re10k": _write_re10k,
     "scannet": write_scannet,
     "cad-estate": write_clip,
 }
-"""(scene, folder) → the frames as they are there; each writes images and cameras."""
 METRIC_FORMATS: frozenset[CameraFormat] = frozenset({"scannet"})
 """Their unit is the metre; others do not say."""
 ANNOTATION_WRITERS: dict[AnnotationFormat, AnnotationWriter] = {
@@ -124,4 +126,3 @@ ANNOTATION_WRITERS: dict[AnnotationFormat, AnnotationWriter] = {
     "labelme": _write_labelme,
     "cad-estate": write_masks,
 }
-"""(scene with the frames as written, folder) → the elements' ids; each writes the key frames."""
