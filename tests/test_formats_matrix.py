@@ -53,10 +53,10 @@ ROUNDING: dict[str, tuple[float, float]] = {
     "coco": (1e-6, 1e-6),
     "labelme": (1e-6, 1e-6),
     "label-studio": (0.02, 0.001),
-    "cad-estate": (0.25, 0.01),
+    "cad-estate": (1.0, 0.02),
 }
-"""How far planes may be off those of the native annotations, about five times what was measured: CVAT has hundredths of
-a pixel, Label Studio per cent, of which the last bit decides on single sampled points, CAD-Estate pixels."""
+"""How far planes may be off those of the native annotations, three times what was measured or more: CVAT has hundredths
+of a pixel, Label Studio per cent, of which the last bit may decide on a sampled point, CAD-Estate whole pixels."""
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Scene:
     """Small, and quick to solve; a door, a window, an occlusion edge in each key frame, the usual errors of a hand."""
     folder = tmp_path_factory.mktemp("matrix") / "room"
     synthesize(
-        folder, SynthConfig(seed=3, room="l-shaped", frames=11, key_every=5, width=320, height=240, oversample=1)
+        folder, SynthConfig(seed=3, room="l-shaped", frames=11, key_every=5, width=240, height=180, oversample=1)
     )
     return load_scene(folder)
 
