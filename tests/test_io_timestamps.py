@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gtlayout.io.timestamps import common_offset_s, match_times
+from gtlayout.io.timestamps import common_offset_s, distances_s, match_times
 
 
 def test_each_takes_the_nearest_within_the_tolerance() -> None:
@@ -52,6 +52,11 @@ def test_a_common_offset_is_found(offset_s: float) -> None:
     available = np.delete(wanted + offset_s, [0, 7])
     found = common_offset_s(wanted, available, 0.003)
     assert found == pytest.approx(offset_s, abs=1e-9)
+
+
+def test_distances_are_those_to_the_nearest() -> None:
+    assert distances_s([1.5, 1.5, 9.0, np.nan], [2.0, 1.25]).tolist() == [0.25, 0.25, 7.0, np.inf]
+    assert distances_s([1.0], []).tolist() == [np.inf]
 
 
 def test_no_offset_where_none_helps() -> None:

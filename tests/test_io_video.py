@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 
@@ -50,7 +51,7 @@ def test_any_order_gives_the_same_frames(kind: str, tmp_path: Path) -> None:
 
 
 def test_one_frame_is_decoded_once_going_forward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    video = Video(write_video(tmp_path / "a.mp4", pictures(COUNT), options=B_FRAMES))
+    video = Video(write_video(tmp_path / "a:b %d?#é.mp4", pictures(COUNT), options=B_FRAMES))
     assert video.width == WIDTH
     monkeypatch.setattr(Video, "_seek", lambda self, key: pytest.fail("it seeks"))
     for i in (0, 1, 1, 2, 7, 8, 20, 33, 49):
@@ -133,6 +134,40 @@ def test_a_video_cut_off_gives_what_is_left(tmp_path: Path) -> None:
     left = dict(Video(path).frames())
     assert 5 < len(left) < COUNT
     assert all(np.array_equal(left[i], whole[i]) for i in list(left)[:-6])
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mkv"])
+def test_any_damage_is_a_known_error_or_none(suffix: str, tmp_path: Path) -> None:
+    whole = write_video(tmp_path / f"whole{suffix}", pictures(12), options=B_FRAMES).read_bytes()
+    rng = np.random.default_rng(0)
+    path = tmp_path / f"a{suffix}"
+    for _ in range(40):
+        data = np.frombuffer(whole, dtype=np.uint8).copy()
+        at = rng.integers(0, len(data), rng.integers(1, 30))
+        data[at] = rng.integers(0, 256, len(at))
+        path.write_bytes(data[: rng.integers(len(data) // 2, 2 * len(data))].tobytes())
+        video = Video(path)
+        with suppress(GtlayoutError):
+            for index, image in video.frames():
+                assert image.shape == (video.height, video.width, 3)
+                assert np.array_equal(video.frame(index), image)
+
+
+def test_what_is_lost_is_looked_for_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_video(tmp_path / "a.mp4", pictures(COUNT), options={"g": "1000", "bf": "0", "crf": "10"})
+    data = bytearray(path.read_bytes())
+    data[_offset_of_frame(path, 20) : data.index(b"moov")] = bytes(data.index(b"moov") - _offset_of_frame(path, 20))
+    path.write_bytes(data)
+    sought: list[int] = []
+    seek = Video._seek
+
+    def noted(self: Video, key: int) -> None:
+        sought.append(key)
+        seek(self, key)
+
+    monkeypatch.setattr(Video, "_seek", noted)
+    assert 10 < len(dict(Video(path).frames())) <= 20
+    assert len(sought) <= 2
 
 
 def test_a_damaged_frame_is_named_and_the_others_stay(tmp_path: Path) -> None:

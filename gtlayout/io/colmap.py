@@ -26,28 +26,43 @@ def read_colmap(root: Path, model: Path) -> PosedImages:
     A folder that holds the model as text and as binary is read as binary, as COLMAP does, with a warning.
     Raises GtlayoutError naming the folder or the image when the model is incomplete, damaged or not finite.
     """
+    images = posed_images(open_model(model), root, f"COLMAP model {model}")
+    both = (model / "images.bin").exists() and (model / "images.txt").exists()
+    return PosedImages(images, (f"{model} holds text and binary: the binary model was read",) if both else ())
+
+
+def open_model(model: Path) -> pycolmap.Reconstruction:
+    """The model in folder ``model``, text or binary. Raises GtlayoutError when it is incomplete or damaged."""
     missing = _missing_parts(model)
     if missing:
         raise GtlayoutError(f"COLMAP model {model} is incomplete: no {' and no '.join(missing)} as .bin or .txt")
     check_lengths(model)
     try:
-        reconstruction = pycolmap.Reconstruction(str(model))
-        posed = [image for image in reconstruction.images.values() if image.has_pose]
-        names = [image.name for image in posed]
-        poses = [image.cam_from_world().matrix() for image in posed]
+        return pycolmap.Reconstruction(str(model))
     except (ValueError, IndexError, RuntimeError, MemoryError) as error:
         raise GtlayoutError(f"COLMAP model {model} cannot be read: {' '.join(str(error).split())}") from error
+
+
+def posed_images(model: pycolmap.Reconstruction, root: Path, where: str) -> tuple[PosedImage, ...]:
+    """The images of ``model`` that have a pose; ``root`` as for ``read_colmap``.
+
+    Raises GtlayoutError, beginning with ``where``, when there is none or one is not what it should be.
+    """
+    try:
+        posed = [image for image in model.images.values() if image.has_pose]
+        names = [image.name for image in posed]
+        poses = [image.cam_from_world().matrix() for image in posed]
+    except (ValueError, IndexError, RuntimeError) as error:
+        raise GtlayoutError(f"{where} cannot be read: {' '.join(str(error).split())}") from error
     if not posed:
-        raise GtlayoutError(f"COLMAP model {model} holds no image with a pose")
-    for camera in reconstruction.cameras.values():
-        check_lens(camera, f"COLMAP model {model}: camera {camera.camera_id}")
-    folder = _image_folder(root, [path_inside(root, name, str(model)) for name in names])
-    images = tuple(
-        PosedImage(name, path_inside(folder, name, str(model)), image.camera, *_rotation_translation(pose, model, name))
+        raise GtlayoutError(f"{where} holds no image with a pose")
+    for camera in model.cameras.values():
+        check_lens(camera, f"{where}: camera {camera.camera_id}")
+    folder = _image_folder(root, [path_inside(root, name, where) for name in names])
+    return tuple(
+        PosedImage(name, path_inside(folder, name, where), image.camera, *_rotation_translation(pose, where, name))
         for image, name, pose in zip(posed, names, poses, strict=True)
     )
-    both = (model / "images.bin").exists() and (model / "images.txt").exists()
-    return PosedImages(images, (f"{model} holds text and binary: the binary model was read",) if both else ())
 
 
 def write_colmap(model: Path, frames: Sequence[Frame], *, binary: bool = False) -> None:
@@ -80,7 +95,7 @@ def write_colmap(model: Path, frames: Sequence[Frame], *, binary: bool = False) 
         raise GtlayoutError(f"cannot write {model}: {error.strerror or error}") from error
 
 
-def _detect(root: Path) -> list[Path]:
+def find_models(root: Path) -> list[Path]:
     """Folders that hold a part of a model: the root, ``sparse``, ``sparse/0``, ``sparse/1`` …"""
     sparse = root / "sparse"
     below = sorted(p for p in sparse.iterdir() if p.is_dir()) if sparse.is_dir() else []
@@ -103,12 +118,12 @@ def _image_folder(root: Path, in_root: list[Path]) -> Path:
     return root if any(path.is_file() for path in in_root) else images
 
 
-def _rotation_translation(cam_from_world: FloatArray, model: Path, name: str) -> tuple[FloatArray, FloatArray]:
+def _rotation_translation(cam_from_world: FloatArray, where: str, name: str) -> tuple[FloatArray, FloatArray]:
     if not np.all(np.isfinite(cam_from_world)):
-        raise GtlayoutError(f"COLMAP model {model}: the pose of {name} is not finite")
+        raise GtlayoutError(f"{where}: the pose of {name} is not finite")
     # Text quaternions are normalised by pycolmap, binary ones are taken as they are.
-    rotation = nearest_rotation(cam_from_world[:, :3], f"COLMAP model {model}: the pose of {name}")
+    rotation = nearest_rotation(cam_from_world[:, :3], f"{where}: the pose of {name}")
     return rotation, np.ascontiguousarray(cam_from_world[:, 3])
 
 
-READER = Reader("COLMAP", "sparse/0, sparse/ or the folder itself with cameras.bin/.txt", _detect, read_colmap)
+READER = Reader("COLMAP", "sparse/0, sparse/ or the folder itself with cameras.bin/.txt", find_models, read_colmap)

@@ -30,7 +30,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
     a camera is nowhere, or the images do not have the size that their camera says.
     """
-    ordered = sorted(images, key=lambda image: _natural(image.name))
+    ordered = sorted(images, key=lambda image: natural(image.name))
     for previous, image in pairwise(ordered):
         if previous.name == image.name:
             raise GtlayoutError(f"{root}: two cameras for one image, {image.name}")
@@ -113,6 +113,6 @@ def _check_sizes(images: Sequence[PosedImage]) -> None:
         checked.add(expected)
 
 
-def _natural(name: str) -> list[str | int]:
+def natural(name: str) -> list[str | int]:
     """Sort key in which frame 2 comes before frame 10."""
     return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", name))]

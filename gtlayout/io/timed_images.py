@@ -12,7 +12,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import size_of_first
-from gtlayout.io.timestamps import common_offset_s, match_times
+from gtlayout.io.timestamps import common_offset_s, distances_s, match_times
 from gtlayout.io.video import EXTENSIONS, Video
 from gtlayout.scene import FloatArray, IntArray, VideoFrame
 
@@ -109,7 +109,7 @@ def _doubts(
     if offset_s is not None:
         off = f"{1000 * offset_s:.0f} ms" if abs(offset_s) < 1 else f"{offset_s:.3f} s"
         doubts.append(f"{camera_file}: timestamps are off by about {off} from the {what}: {share}")
-    rivals = sum(match_times(wanted_s[[i]], available_s, tolerance_s)[0] >= 0 for i in lost)
+    rivals = np.count_nonzero(distances_s(wanted_s[lost], available_s) <= tolerance_s)
     if rivals:
         doubts.append(f"{camera_file}: {rivals} cameras are left out: another is nearer to the same of the {what}")
     return doubts

@@ -30,6 +30,11 @@ def match_times(wanted_s: npt.ArrayLike, available_s: npt.ArrayLike, tolerance_s
     return matched
 
 
+def distances_s(wanted_s: npt.ArrayLike, available_s: npt.ArrayLike) -> FloatArray:
+    """(N,) of each wanted time to the nearest available one, whoever has it; infinite where there is none."""
+    return _nearest(np.asarray(wanted_s, dtype=np.float64).ravel(), _distinct(available_s)[0])[1]
+
+
 def common_offset_s(wanted_s: npt.ArrayLike, available_s: npt.ArrayLike, tolerance_s: float) -> float | None:
     """What to add to the wanted times so that more of them match within ``tolerance_s``; None when nothing helps.
 

@@ -74,6 +74,7 @@ class Video:
         self._decoding: Iterator[tuple[int, DecodedFrame]] | None = None
         self._started_key = 0
         self._held: tuple[int, DecodedFrame] | None = None
+        self._lost: set[int] = set()
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -140,14 +141,17 @@ class Video:
     @cached_property
     def _stored(self) -> tuple[tuple[int, int], _Orientation]:
         """(width, height) px as stored, and how to turn that: as the first frame that can be decoded says."""
-        for index in range(len(self)):
-            frame = self._find(index)
-            if frame is not None:
-                return (frame.width, frame.height), _orientation(frame)
-        raise GtlayoutError(f"no frame of {self.path} can be decoded: damaged")
+        self._seek(0)
+        self._held = next(self._decoding, None) if self._decoding else None
+        if self._held is None:
+            raise GtlayoutError(f"no frame of {self.path} can be decoded: damaged, or of an unknown kind")
+        frame = self._held[1]
+        return (frame.width, frame.height), _orientation(frame)
 
     def _find(self, index: int) -> DecodedFrame | None:
         """The decoded frame, from where the video stands or from the key frame before."""
+        if index in self._lost:
+            return None
         key = int(np.searchsorted(self._index.keys, index, side="right")) - 1
         at = self._held[0] if self._held else -1
         reads_on = self._held is not None and at <= index and self._index.keys[key] <= at + NEAR_FRAMES
@@ -158,6 +162,9 @@ class Video:
             # Some key frames are none: what follows needs a few frames more.
             self._seek(key - 1)
             found = self._advance(index)
+        if found is None:
+            # All packets up to what came next, or to the end, have been tried.
+            self._lost.update(range(index, self._held[0] if self._held else len(self)))
         return found
 
     def _advance(self, index: int) -> DecodedFrame | None:
@@ -208,6 +215,8 @@ class Video:
         stream = container.streams.best("video")
         if not isinstance(stream, VideoStream):
             raise GtlayoutError(f"{self.path} holds no video")
+        if stream.codec_context is None:
+            raise GtlayoutError(f"cannot read video {self.path}: FFmpeg has no decoder for it")
         if stream.codec_context.width * stream.codec_context.height > MAX_PIXELS:
             size = f"{stream.codec_context.width}x{stream.codec_context.height}"
             raise GtlayoutError(f"{self.path} says its frames are {size} px: more than can be read")
