@@ -10,6 +10,7 @@ from typing import Any, get_args
 import cv2
 import numpy as np
 import pytest
+from shapely import MultiPolygon, box
 from videos import write_video
 
 from gtlayout.errors import GtlayoutError
@@ -23,6 +24,28 @@ from gtlayout.scene import Scene, VideoFrame
 CAMERA_FORMATS: tuple[CameraFormat, ...] = get_args(CameraFormat)
 ANNOTATION_FORMATS: tuple[AnnotationFormat, ...] = get_args(AnnotationFormat)
 Edit = Callable[[Path, Callable[[Any], object]], None]
+
+
+def _with(scene: Scene, index: int, **changes: Any) -> Scene:
+    frames = [replace(frame, **changes) if i == index else frame for i, frame in enumerate(scene.frames)]
+    return replace(scene, frames=tuple(frames))
+
+
+def _with_a_small_frame(scene: Scene) -> Scene:
+    """The second frame, which is annotated, has a camera and a size of its own."""
+    camera, path = scene.frames[1].camera, scene.root / "images/001.png"
+    path.write_bytes(cv2.imencode(".png", decode(path, cv2.IMREAD_COLOR)[:40, :60])[1].tobytes())
+    small = replace(camera, K=camera.K + np.diag([1.0, 2.0, 0.0]), width=60, height=40)
+    region = MultiPolygon([box(0, 0, 60, 40)])
+    elements = tuple(replace(element, amodal=region, visible=region) for element in scene.key_frames[0].elements)
+    key_frames = (replace(scene.key_frames[0], elements=elements), *scene.key_frames[1:])
+    return replace(_with(scene, 1, camera=small), key_frames=key_frames)
+
+
+def _with_many_elements(scene: Scene) -> Scene:
+    first = scene.key_frames[0]
+    elements = tuple(replace(first.elements[0], id=str(i)) for i in range(256))
+    return replace(scene, key_frames=(replace(first, elements=elements),))
 
 
 @pytest.mark.parametrize("cameras", CAMERA_FORMATS)
@@ -137,10 +160,30 @@ def test_names_in_folders_and_with_blanks(
         assert [frame.name for frame in read.frames] == [frame.name for frame in frames]
 
 
+@pytest.mark.parametrize("annotations", ANNOTATION_FORMATS)
+@pytest.mark.parametrize("cameras", ["native", "colmap"])
+def test_images_of_several_sizes_and_lenses(
+    tiny: Path, tmp_path: Path, cameras: CameraFormat, annotations: AnnotationFormat
+) -> None:
+    """As COLMAP leaves them that gave each image a camera of its own."""
+    scene = _with_a_small_frame(load_scene(tiny))
+    write_scene(scene, tmp_path / "written", cameras, annotations)
+    read = load_scene(tmp_path / "written")
+    for before, after in zip(scene.frames, read.frames, strict=True):
+        np.testing.assert_allclose(after.camera.K, before.camera.K, atol=1e-9)
+    assert [key.frame for key in read.key_frames] == [key.frame for key in scene.key_frames]
+    for key, expected in zip(read.key_frames, scene.key_frames, strict=True):
+        assert key.elements[0].amodal.area == pytest.approx(expected.elements[0].amodal.area)
+
+
 @pytest.mark.parametrize(
     ("change", "cameras", "annotations", "says"),
     [
         (lambda s: replace(s, metric=False), "scannet", "native", "ScanNet's unit is the metre"),
+        (_with_a_small_frame, "scannet", "native", "knows one camera"),
+        (_with_a_small_frame, "re10k", "native", "knows one image size"),
+        (_with_a_small_frame, "cad-estate", "native", "knows one image size"),
+        (_with_many_elements, "native", "cad-estate", "cannot number 256 elements"),
         (lambda s: _with(s, 1, name="../../x.png"), "native", "native", "leads out"),
         (lambda s: _with(s, 1, image_path=Path("missing.png")), "colmap", "native", "cannot read .*missing.png"),
         (lambda s: _with(s, 1, name="eye/003.png"), "native", "cad-estate", "one name in two folders"),
@@ -161,8 +204,3 @@ def test_a_folder_that_is_not_empty_is_left_alone(tiny: Path) -> None:
     with pytest.raises(GtlayoutError, match="is not an empty folder"):
         write_scene(load_scene(tiny), tiny, "native", "native")
     assert sorted(tiny.rglob("*")) == before
-
-
-def _with(scene: Scene, index: int, **changes: Any) -> Scene:
-    frames = [replace(frame, **changes) if i == index else frame for i, frame in enumerate(scene.frames)]
-    return replace(scene, frames=tuple(frames))

@@ -14,7 +14,7 @@ from gtlayout.io.cad_estate_export import FRAME_US, write_clip, write_masks
 from gtlayout.io.coco import write_coco
 from gtlayout.io.colmap import write_colmap
 from gtlayout.io.cvat_export import write_cvat
-from gtlayout.io.exports import write_depth, write_image, write_jpeg, write_truth
+from gtlayout.io.exports import the_one_size, write_depth, write_image, write_jpeg, write_truth
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.labelme import write_labelme
 from gtlayout.io.native import write_annotations
@@ -68,6 +68,7 @@ def _write_colmap(scene: Scene, out: Path) -> tuple[Frame, ...]:
 
 
 def _write_re10k(scene: Scene, out: Path) -> tuple[Frame, ...]:
+    the_one_size(out, scene)
     written = []
     timestamps_us = [i * FRAME_US for i in range(len(scene.frames))]
     for frame, timestamp_us in zip(scene.frames, timestamps_us, strict=True):
