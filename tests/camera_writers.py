@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -13,11 +12,8 @@ from gtlayout.io.colmap import write_colmap
 from gtlayout.io.exports import write_jpeg
 from gtlayout.io.files import write_atomic
 from gtlayout.io.images import read_gray
-from gtlayout.io.scene_writers import CAMERA_WRITERS
+from gtlayout.io.scene_writers import CAMERA_WRITERS, CameraWriter
 from gtlayout.scene import Frame, Scene
-
-CameraWriter = Callable[[Scene, Path], tuple[Frame, ...]]
-"""(scene, folder) → the frames as they are there."""
 
 
 def write_colmap_binary(scene: Scene, out: Path) -> tuple[Frame, ...]:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from camera_writers import CameraWriter, write_colmap_binary, writer_of
+from camera_writers import write_colmap_binary, writer_of
+from conftest import SHARED_DATA
 from label_studio_writer import write_label_studio
 
 from gtlayout.config import Config
@@ -21,12 +22,14 @@ from gtlayout.io.scene_writers import (
     CAMERA_WRITERS,
     METRIC_FORMATS,
     AnnotationWriter,
+    CameraFormat,
+    CameraWriter,
     write_scene,
     write_to,
 )
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
-from gtlayout.method import solve
+from gtlayout.method import Solution, solve
 from gtlayout.scene import OPENINGS, Scene
 from gtlayout.synth import SynthConfig, synthesize
 
@@ -40,23 +43,29 @@ ANNOTATIONS: dict[str, AnnotationWriter] = {
     **{str(name): write for name, write in ANNOTATION_WRITERS.items()},
     "label-studio": write_to("label_studio.json", write_label_studio),
 }
+OFFICE = SHARED_DATA / "office"
 SAME = 1e-6
 """Of poses, intrinsics and normals; of d relative to 1 m."""
+WITHOUT_OCCLUSION_EDGES = ("coco",)
 ROUNDING: dict[str, tuple[float, float]] = {
     # annotations: degrees, metres
-    "coco": (0.5, 0.02),
-    "labelme": (1e-9, 1e-9),
-    "label-studio": (1e-9, 1e-9),
-    "cad-estate": (0.5, 0.02),
+    "cvat": (0.01, 0.0005),
+    "coco": (1e-6, 1e-6),
+    "labelme": (1e-6, 1e-6),
+    "label-studio": (0.02, 0.001),
+    "cad-estate": (1.0, 0.02),
 }
-"""How far planes may be off those of the native annotations: what a format rounds, or cannot say."""
+"""How far planes may be off those of the native annotations, three times what was measured or more: CVAT has hundredths
+of a pixel, Label Studio per cent, of which the last bit may decide on a sampled point, CAD-Estate whole pixels."""
 
 
 @pytest.fixture(scope="module")
 def original(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    """Small, and quick to solve; exact cameras, and the usual errors of a hand."""
+    """Small, and quick to solve; a door, a window, an occlusion edge in each key frame, the usual errors of a hand."""
     folder = tmp_path_factory.mktemp("matrix") / "room"
-    synthesize(folder, SynthConfig(frames=16, key_every=5, width=320, height=240, oversample=1))
+    synthesize(
+        folder, SynthConfig(seed=3, room="l-shaped", frames=11, key_every=5, width=240, height=180, oversample=1)
+    )
     return load_scene(folder)
 
 
@@ -84,16 +93,11 @@ def test_every_format_says_the_same(
 ) -> None:
     scene, layout = solved(cameras, annotations)
     assert scene.metric
-    for frame, expected in zip(scene.frames, original.frames, strict=True):
-        for name in ("K", "R_cam_from_world", "t_cam_from_world"):
-            np.testing.assert_allclose(
-                getattr(frame.camera, name), getattr(expected.camera, name), rtol=0, atol=SAME, err_msg=name
-            )
+    _assert_same_cameras(scene, original)
     assert [key_frame.frame for key_frame in scene.key_frames] == [key_frame.frame for key_frame in original.key_frames]
     reference = solved("native", annotations)[1]
     angle_deg, offset_m = _difference(layout, reference)
     assert len(layout.planes) == len(reference.planes)
-    print(cameras, annotations, angle_deg, offset_m)
     assert np.deg2rad(angle_deg) < SAME
     assert offset_m < SAME
 
@@ -102,9 +106,16 @@ def test_every_format_says_the_same(
 def test_annotations_differ_by_their_rounding(
     solved: Callable[[str, str], tuple[Scene, Layout]], annotations: str
 ) -> None:
+    """COCO, which has no occlusion edges, from the native ones without any; masks have openings in their walls."""
+    native, expected = solved("native", "native")
+    if annotations in WITHOUT_OCCLUSION_EDGES:
+        key_frames = tuple(replace(key_frame, occlusion_edges=()) for key_frame in native.key_frames)
+        expected = solve(replace(native, key_frames=key_frames), Config()).layout
     _, layout = solved("native", annotations)
-    angle_deg, offset_m = _difference(layout, solved("native", "native")[1])
-    print(annotations, angle_deg, offset_m, len(layout.planes))
+    merged = OPENINGS if annotations == "cad-estate" else frozenset()
+    labels = [instance.label for instance in expected.instances if instance.label not in merged]
+    assert sorted(instance.label for instance in layout.instances) == sorted(labels)
+    angle_deg, offset_m = _difference(layout, expected)
     most_deg, most_m = ROUNDING[annotations]
     assert angle_deg < most_deg
     assert offset_m < most_m
@@ -121,6 +132,49 @@ def test_truth_goes_along(
     }
 
 
+@pytest.mark.parametrize("cameras", CAMERA_WRITERS)
+def test_real_clips_in_every_format(real_clip: Path, tmp_path: Path, cameras: CameraFormat) -> None:
+    """Cameras, images byte by byte, annotations and, where the format has it, depth."""
+    scene = load_scene(real_clip)
+    write_scene(scene, tmp_path / "clip_0", cameras, "native")
+    read = load_scene(tmp_path / "clip_0")
+    assert read.metric
+    _assert_same_cameras(read, scene)
+    has_depth = cameras in ("native", "colmap", "scannet")
+    for before, after in zip(scene.frames, read.frames, strict=True):
+        assert after.image_path.read_bytes() == before.image_path.read_bytes()
+        assert (after.depth_path is not None) == (before.depth_path is not None and has_depth)
+        if before.depth_path is not None and after.depth_path is not None:
+            assert after.depth_path.read_bytes() == before.depth_path.read_bytes()
+    for key, expected in zip(read.key_frames, scene.key_frames, strict=True):
+        assert key.frame == expected.frame
+        assert [element.id for element in key.elements] == [element.id for element in expected.elements]
+        assert all(a.amodal.equals(b.amodal) for a, b in zip(key.elements, expected.elements, strict=True))
+
+
+@pytest.fixture(scope="module")
+def office() -> tuple[Scene, Solution]:
+    """The real clip, solved."""
+    if not OFFICE.is_dir():
+        pytest.skip("real clip office is not beside the checkout")
+    scene = load_scene(OFFICE)
+    return scene, solve(scene, Config())
+
+
+@pytest.mark.parametrize("cameras", CAMERA_WRITERS)
+def test_a_real_clip_solves_to_the_same_figures(
+    office: tuple[Scene, Solution], tmp_path: Path, cameras: CameraFormat
+) -> None:
+    scene, expected = office
+    write_scene(scene, tmp_path / "office_0", cameras, "native")
+    solution = solve(load_scene(tmp_path / "office_0"), Config())
+    angle_deg, offset_m = _difference(solution.layout, expected.layout)
+    assert len(solution.layout.planes) == len(expected.layout.planes)
+    assert np.deg2rad(angle_deg) < SAME
+    assert offset_m < SAME
+    assert solution.quality.iou == pytest.approx(expected.quality.iou, abs=SAME)
+
+
 def _write(scene: Scene, out: Path, cameras: str, annotations: str) -> Path:
     if cameras in CAMERA_WRITERS and annotations in ANNOTATION_WRITERS:
         write_scene(scene, out, cameras, annotations)
@@ -129,6 +183,13 @@ def _write(scene: Scene, out: Path, cameras: str, annotations: str) -> Path:
         if cameras not in METRIC:
             write_json_atomic(out / SCENE_FILE, {"metric": True})
     return out
+
+
+def _assert_same_cameras(scene: Scene, expected: Scene) -> None:
+    for frame, other in zip(scene.frames, expected.frames, strict=True):
+        for name in ("K", "R_cam_from_world", "t_cam_from_world"):
+            found, wanted = getattr(frame.camera, name), getattr(other.camera, name)
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=SAME, err_msg=f"{frame.name}: {name}")
 
 
 def _difference(layout: Layout, expected: Layout) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.hosts import find_hosts
 from gtlayout.io import SCENE_FILE
 from gtlayout.io.cad_estate import CLIP_NAME, FRAMES_FILE, MASKS_FOLDER
-from gtlayout.io.exports import write_jpeg, write_truth
+from gtlayout.io.exports import the_one_size, write_jpeg, write_truth
 from gtlayout.io.files import write_atomic, write_json_atomic
 from gtlayout.io.room_structure import DOOR_FLAG, FILE_NAME, WINDOW_FLAG, RoomStructure, write_room_structure
 from gtlayout.layout import Instance, Layout, Mesh
@@ -58,9 +58,7 @@ def write_clip(scene: Scene, out: Path) -> tuple[Frame, ...]:
     Timestamps are those of a video at 30 Hz; the names are made of the folder's.
     Raises GtlayoutError when an image cannot be read, frames differ in size, or the disk does not take them.
     """
-    sizes = sorted({(frame.camera.width, frame.camera.height) for frame in scene.frames})
-    if len(sizes) > 1:
-        raise GtlayoutError(f"cannot write {out}: the format knows one image size, the scene has {sizes}")
+    width, height = the_one_size(out, scene)
     clip_name, video = _names(out)
     written, entries = [], []
     for i, frame in enumerate(scene.frames):
@@ -78,8 +76,7 @@ def write_clip(scene: Scene, out: Path) -> tuple[Frame, ...]:
         )
         written.append(Frame(image.name, image, camera))
     # Last, because it is what says that a clip is here.
-    size = {"image_size": [sizes[0][1], sizes[0][0]]}
-    write_json_atomic(out / FRAMES_FILE, {"clip_name": clip_name, **size, "frames": entries})
+    write_json_atomic(out / FRAMES_FILE, {"clip_name": clip_name, "image_size": [height, width], "frames": entries})
     return tuple(written)
 
 

@@ -64,6 +64,14 @@ def write_depth(path: Path, frame: Frame) -> None:
         write_atomic(path, png.tobytes())
 
 
+def the_one_size(out: Path, scene: Scene) -> tuple[int, int]:
+    """(width, height) px of all frames. Raises GtlayoutError when they differ, for formats that know one only."""
+    sizes = sorted({(frame.camera.width, frame.camera.height) for frame in scene.frames})
+    if len(sizes) > 1:
+        raise GtlayoutError(f"cannot write {out}: the format knows one image size, the scene has {sizes}")
+    return sizes[0]
+
+
 def depth_mm(frame: Frame) -> DepthMap:
     """(H, W) thousandths of the unit, 0 = none. Raises GtlayoutError when there is no map, or it cannot be read."""
     return np.nan_to_num(np.rint(read_depth(frame) * MM_PER_UNIT)).clip(0, SATURATED - 1).astype(np.uint16)

@@ -34,14 +34,12 @@ def read_annotations(_root: Path, path: Path) -> RawAnnotations:
 
 
 def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
-    """Write ``key_frames`` (indices into ``frames``), whose images must have one size.
+    """Write ``key_frames`` (indices into ``frames``); their size is said if it is one for all.
 
     A polygon with holes is written as several without: the format knows none, and readers unite them again.
-    Raises GtlayoutError when the sizes differ or the file cannot be written.
+    Raises GtlayoutError when the file cannot be written.
     """
-    sizes = sorted({(frames[k.frame].camera.width, frames[k.frame].camera.height) for k in key_frames})
-    if len(sizes) > 1:
-        raise GtlayoutError(f"cannot write {path}: the key frames have different sizes: {sizes}")
+    sizes = list({(frames[k.frame].camera.width, frames[k.frame].camera.height) for k in key_frames})
     entries = [
         {
             "image": frames[key_frame.frame].name,
@@ -58,7 +56,7 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
         }
         for key_frame in key_frames
     ]
-    write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if sizes else None, "frames": entries})
+    write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if len(sizes) == 1 else None, "frames": entries})
 
 
 def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) -> RawKeyFrame:

@@ -13,7 +13,8 @@ from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.cad_estate_export import FRAME_US, write_clip, write_masks
 from gtlayout.io.coco import write_coco
 from gtlayout.io.colmap import write_colmap
-from gtlayout.io.exports import write_depth, write_image, write_jpeg, write_truth
+from gtlayout.io.cvat_export import write_cvat
+from gtlayout.io.exports import the_one_size, write_depth, write_image, write_jpeg, write_truth
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.labelme import write_labelme
 from gtlayout.io.native import write_annotations
@@ -24,11 +25,15 @@ from gtlayout.io.scannet import write_scannet
 from gtlayout.scene import Frame, KeyFrame, Scene
 
 CameraFormat = Literal["native", "colmap", "re10k", "scannet", "cad-estate"]
-AnnotationFormat = Literal["native", "coco", "labelme", "cad-estate"]
+AnnotationFormat = Literal["native", "cvat", "coco", "labelme", "cad-estate"]
 NO_ADDRESS = "file://"
 """RealEstate10k's first line is the address of a video on the net."""
 ElementIds = dict[tuple[int, int], str]
 """(key frame, element) → its id in the file; elements that have none there are left out."""
+CameraWriter = Callable[[Scene, Path], tuple[Frame, ...]]
+"""Writes a scene's images and cameras to a folder; returns the frames as they are there."""
+AnnotationWriter = Callable[[Scene, Path], ElementIds]
+"""Writes a scene's key frames, of frames that are there already, to a folder."""
 
 
 def write_scene(scene: Scene, out: Path, cameras: CameraFormat, annotations: AnnotationFormat) -> None:
@@ -63,6 +68,7 @@ def _write_colmap(scene: Scene, out: Path) -> tuple[Frame, ...]:
 
 
 def _write_re10k(scene: Scene, out: Path) -> tuple[Frame, ...]:
+    the_one_size(out, scene)
     written = []
     timestamps_us = [i * FRAME_US for i in range(len(scene.frames))]
     for frame, timestamp_us in zip(scene.frames, timestamps_us, strict=True):
@@ -105,21 +111,19 @@ def _own_ids(scene: Scene) -> ElementIds:
     return {(k, e): element.id for k, key in enumerate(scene.key_frames) for e, element in enumerate(key.elements)}
 
 
-AnnotationWriter = Callable[[Scene, Path], ElementIds]
-CAMERA_WRITERS: dict[CameraFormat, Callable[[Scene, Path], tuple[Frame, ...]]] = {
+CAMERA_WRITERS: dict[CameraFormat, CameraWriter] = {
     "native": _write_nerfstudio,
     "colmap": _write_colmap,
     "re10k": _write_re10k,
     "scannet": write_scannet,
     "cad-estate": write_clip,
 }
-"""(scene, folder) → the frames as they are there; each writes images and cameras."""
 METRIC_FORMATS: frozenset[CameraFormat] = frozenset({"scannet"})
 """Their unit is the metre; others do not say."""
 ANNOTATION_WRITERS: dict[AnnotationFormat, AnnotationWriter] = {
     "native": write_to(NATIVE_FILE, write_annotations),
+    "cvat": write_to("annotations.xml", write_cvat),
     "coco": write_to("coco.json", write_coco),
     "labelme": _write_labelme,
     "cad-estate": write_masks,
 }
-"""(scene with the frames as written, folder) → the elements' ids; each writes the key frames."""
