@@ -184,9 +184,16 @@ app.command(
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
 )
 
+
+def _source_or_labels(source: Path | None = None, out: Path | None = None, **options: object) -> None:
+    if "label_config" not in options and (source is None or out is None):
+        raise ValueError("SRC and OUT are needed (or --label-config cvat|label-studio)")
+
+
 app.command(
     "gtlayout.import_command:import_",
     name="import",
+    validator=_source_or_labels,
     help="Turn cameras, video and annotations of any known format into a scene folder, undistorted.",
 )
 

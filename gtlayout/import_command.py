@@ -9,7 +9,6 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gtlayout.cli import print_warnings, progress_bars, stdout
-from gtlayout.errors import GtlayoutError
 from gtlayout.io.importing import import_scene
 from gtlayout.io.labeling import label_config as read_label_config
 
@@ -23,7 +22,7 @@ def import_(
     *,
     annotations: Path | None = None,
     colmap: Annotated[bool, NO_NEGATIVE] = False,
-    rate: Annotated[float, Parameter(validator=Number(gt=0))] = 5.0,
+    rate: Annotated[float, Parameter(validator=Number(gt=0))] = 10.0,
     depth_scale: Path | None = None,
     known_distance: Path | None = None,
     label_config: Literal["cvat", "label-studio"] | None = None,
@@ -60,8 +59,8 @@ def import_(
     if label_config is not None:
         console.print(read_label_config(label_config), end="")
         return
-    if source is None or out is None:
-        raise GtlayoutError("import needs SRC and OUT (or --label-config cvat|label-studio)")
+    assert source is not None
+    assert out is not None
     with progress_bars() as progress:
         imported = import_scene(
             source,

@@ -14,12 +14,13 @@ from gtlayout.io.colmap import find_models, open_model, posed_images
 from gtlayout.io.files import new_folder
 from gtlayout.io.frame_extraction import extract_frames
 from gtlayout.io.frames import natural
+from gtlayout.io.images import read_rgb
 from gtlayout.io.known_distance import scale_from_distance
 from gtlayout.io.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
 from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.sources import PosedImages
 from gtlayout.io.structure_from_motion import reconstruct
-from gtlayout.scene import Scene
+from gtlayout.scene import Frame, Scene
 from gtlayout.visualize import Observer
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -75,6 +76,7 @@ def import_scene(
             # True planes in the folder are in the unit and the world of other cameras.
             scene = replace(scene, root=Path(work))
         observer.stage("writing")
+        scene = _without_unreadable(scene)
         write_scene(scene, filled, "native", "native")
     if not scene.key_frames:
         told = (*told, f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}")
@@ -120,6 +122,29 @@ def _metric(scene: Scene, scale: Scale) -> Scene:
     # Depth maps of a scene without unit are thousandths of what was its unit.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
     return scaled(replace(scene, frames=frames), scale.factor)
+
+
+def _without_unreadable(scene: Scene) -> Scene:
+    """Without frames that cannot be read and so not be undistorted, and a warning for each."""
+    problems = {i: problem for i, frame in enumerate(scene.frames) if (problem := _unreadable(frame))}
+    kept = [i for i in range(len(scene.frames)) if i not in problems]
+    index = {old: new for new, old in enumerate(kept)}
+    return replace(
+        scene,
+        frames=tuple(scene.frames[i] for i in kept),
+        key_frames=tuple(replace(key, frame=index[key.frame]) for key in scene.key_frames if key.frame in index),
+        warnings=(*scene.warnings, *(f"{problem}: left out" for problem in problems.values())),
+    )
+
+
+def _unreadable(frame: Frame) -> str | None:
+    if frame.undistort is None and frame.video is None:
+        return None  # Its file is copied as it is.
+    try:
+        read_rgb(frame)
+    except GtlayoutError as error:
+        return str(error)
+    return None
 
 
 def _says(scale: Scale) -> str:
