@@ -163,7 +163,7 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     if corners is None:
         return np.empty((0, 2))
     corners_px = corners.reshape(-1, 2).astype(np.float64) + 0.5
-    wanted = max(1, round(region.area / config.spacing_px**2))
+    wanted = min(max(1, round(region.area / config.spacing_px**2)), config.max_cells)
     left, top, right, bottom = region.bounds
     sampler.reset()
     # Sobol points fill the bounding box; those inside the region are its even cover.

@@ -299,6 +299,16 @@ def test_points_spread_over_the_whole_region_and_stay_well_inside() -> None:
     assert apart.min() >= CONFIG.corner_distance_px
 
 
+def test_a_large_surface_gets_no_more_points_than_are_used() -> None:
+    image = render(camera_at([0, 0, 0]), texture())
+    region = shapely.box(10, 10, 310, 230)
+    config = replace(CONFIG, corners_per_cell=1, max_cells=12)
+    points_px = sample_points(image, element(region), config, sampler())
+    assert 6 <= len(points_px) <= 12 < region.area / CONFIG.spacing_px**2 / 4
+    quadrants = {(x > 160, y > 120) for x, y in points_px}
+    assert len(quadrants) == 4
+
+
 def test_without_visible_parts_the_eroded_amodal_polygon_is_sampled() -> None:
     image = render(camera_at([0, 0, 0]), texture())
     amodal = shapely.box(40, 40, 200, 200)
