@@ -14,8 +14,8 @@ class TrackingConfig:
     spacing_px: float = 30.0
     """Mean spacing of the Sobol points on visible parts (paper 3.2)."""
     max_cells: int = 150
-    """Most Sobol points on an element: 480x360 to 640x480 px need up to 121; a film in full HD would track 6,000 corners
-    on a wall of which a few hundred are used."""
+    """Most Sobol points on an element. Images of 640x480 px need up to 121; in full HD 6,000 corners would be tracked
+    on a wall, of which a few hundred are used."""
     corners_per_cell: int = 8
     """Corners tracked in the cell round each Sobol point, best first."""
     corner_distance_px: float = 8.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
+from gtlayout.io.cad_estate import read_frames
 from gtlayout.io.cad_estate_export import write_cad_estate
 from gtlayout.io.masks import mask_polygons
 from gtlayout.io.room_structure import RoomStructure, read_room_structure, write_room_structure
@@ -263,15 +265,32 @@ def test_no_structure_file(tmp_path: Path, content: bytes | None) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
+        (lambda d: d["frames"][1].pop("extrinsics"), "frame 33333 has no extrinsics"),
+        (lambda d: d["frames"][1]["extrinsics"].update(rotation=[1, 1, 0, 0]), "frame 33333: rotation is no unit"),
+        (lambda d: d["frames"][1]["extrinsics"].update(translation=[0, 0]), "frame 33333: translation must be 3"),
+        (lambda d: d["frames"][1].update(intrinsics=[0, 1, 2, 3]), "frame 33333: focal lengths"),
+    ],
+)
+def test_a_bad_frame_costs_only_itself(
+    box_scene: Scene, tmp_path: Path, edit_json: Edit, change: Callable[[Any], object], says: str
+) -> None:
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
+    edit_json(tmp_path / CLIP / "frames.json", change)
+    read = read_frames(tmp_path / CLIP, tmp_path / CLIP / "frames.json")
+    assert len(read.images) == len(box_scene.frames) - 1
+    (warning,) = [line for line in read.warnings if "cannot be used and were skipped" in line]
+    assert re.search(says, warning), warning
+    assert warning.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
         (lambda d: d.update(clip_name="../../etc_0"), "clip_name must be <video>_<start>"),
         (lambda d: d.update(frames=[]), "has no frames"),
         (lambda d: d["frames"][1].pop("timestamp"), "frame number 1 has no timestamp"),
         (lambda d: d.update(image_size=[100]), "image_size must be 2 finite numbers"),
         (lambda d: d.update(image_size=[160, 100]), "image_size is 100x160 .* are 160x100"),
-        (lambda d: d["frames"][1].pop("extrinsics"), "frame 33333 has no extrinsics"),
-        (lambda d: d["frames"][1]["extrinsics"].update(rotation=[1, 1, 0, 0]), "frame 33333: rotation is no unit"),
-        (lambda d: d["frames"][1]["extrinsics"].update(translation=[0, 0]), "frame 33333: translation must be 3"),
-        (lambda d: d["frames"][1].update(intrinsics=[0, 1, 2, 3]), "frame 33333: focal lengths"),
     ],
 )
 def test_bad_frames(

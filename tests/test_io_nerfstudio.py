@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,8 +97,6 @@ def test_depth_file_path(tiny: Path, edit_json: Edit) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda d: d.update(applied_scale=0), "applied_scale must be a positive number, not 0"),
-        (lambda d: d.update(applied_scale=[1]), r"applied_scale must be a positive number, not \[1\]"),
         (lambda d: d["frames"][1].update(depth_file_path="../a.png"), "leads out of the scene folder"),
         (lambda d: d["frames"][1].update(depth_file_path=3), "depth_file_path must be a string"),
         (
@@ -105,6 +104,22 @@ def test_depth_file_path(tiny: Path, edit_json: Edit) -> None:
             r"frame a\\nb.png: the path .* characters that no name",
         ),
         (lambda d: d["frames"][1].update(file_path="a" * 5000), "is too long"),
+    ],
+)
+def test_a_bad_frame_costs_only_itself(tiny: Path, edit_json: Edit, change: Callable[[Any], object], says: str) -> None:
+    edit_json(tiny / "transforms.json", change)
+    scene = load_scene(tiny)
+    assert len(scene.frames) == 4
+    (warning,) = [line for line in scene.warnings if "cannot be used and were skipped" in line]
+    assert re.search(says, warning), warning
+    assert warning.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.update(applied_scale=0), "applied_scale must be a positive number, not 0"),
+        (lambda d: d.update(applied_scale=[1]), r"applied_scale must be a positive number, not \[1\]"),
         (lambda d: [d.pop("fl_x"), d.update(camera_angle_x=4)], "000.png has no valid size and focal length"),
         (lambda d: d.update(w=10**9), "an image of 1e.09x48 px is none"),
         (lambda d: d.update(fl_x=10**400), "fl_x must be a finite number, not 1000"),

@@ -76,8 +76,9 @@ def test_images_of_another_size(export: Path) -> None:
 
 def test_images_of_another_shape(export: Path) -> None:
     _edit(export, STEMS[2], lambda d: d.update(width=64, height=64))
-    with pytest.raises(GtlayoutError, match=rf"{STEMS[2]}\.json is for images of 64x64 px, but this one is 64x48"):
-        load_scene(export)
+    scene = load_scene(export)
+    assert len(scene.frames) == 4
+    assert f"{STEMS[2]}.json is for images of 64x64 px, but this one is 64x48" in scene.warnings[0]
 
 
 def test_newer_exports_say_the_size_elsewhere(export: Path) -> None:
@@ -103,10 +104,8 @@ def test_bad_cameras_are_counted(export: Path) -> None:
     (export / f"keyframes/corrected_cameras/{STEMS[4]}.json").write_text("{")
     scene = load_scene(export)
     assert len(scene.frames) == 3
-    assert (
-        f"2 of 5 cameras were skipped, first {export / 'keyframes/corrected_cameras' / STEMS[0]}.json: t_00 to t_22"
-        in (scene.warnings[0])
-    )
+    first = export / "keyframes/corrected_cameras" / f"{STEMS[0]}.json"
+    assert f"2 of 5 cameras cannot be used and were skipped, first: {first}: t_00 to t_22" in scene.warnings[0]
 
 
 @pytest.mark.parametrize(
@@ -123,7 +122,7 @@ def test_bad_cameras_are_counted(export: Path) -> None:
 def test_no_camera_can_be_used(export: Path, change: Callable[[dict[str, Any]], object], says: str) -> None:
     for stem in STEMS:
         _edit(export, stem, change)
-    with pytest.raises(GtlayoutError, match=f"none of 5 cameras can be used: .*{says}"):
+    with pytest.raises(GtlayoutError, match=says):
         load_scene(export)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -161,14 +162,28 @@ def test_truth_goes_along(room: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("break_it", "says"),
     [
+        (lambda r: (r / "pose/3.txt").write_text("1 2 x"), "3.txt must hold 4x4 numbers"),
+        (lambda r: np.savetxt(r / "pose/3.txt", 2 * np.eye(4)), "3.txt: .*no rotation"),
+    ],
+)
+def test_a_bad_pose_costs_only_itself(export: Path, break_it: Callable[[Path], object], says: str) -> None:
+    break_it(export)
+    scene = load_scene(export)
+    assert len(scene.frames) == 4
+    (warning,) = [line for line in scene.warnings if "cannot be used and were skipped" in line]
+    assert re.search(says, warning), warning
+    assert warning.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("break_it", "says"),
+    [
         (lambda r: (r / "intrinsic/intrinsic_color.txt").unlink(), "cannot read .*intrinsic_color.txt"),
         (lambda r: (r / "intrinsic/intrinsic_color.txt").write_text("1 2 3"), "intrinsic_color.txt must hold 4x4"),
         (
             lambda r: np.savetxt(r / "intrinsic/intrinsic_depth.txt", np.zeros((4, 4))),
             "intrinsic_depth.txt holds no pin",
         ),
-        (lambda r: (r / "pose/3.txt").write_text("1 2 x"), "3.txt must hold 4x4 numbers"),
-        (lambda r: np.savetxt(r / "pose/3.txt", 2 * np.eye(4)), "3.txt: .*no rotation"),
         (lambda r: [(r / f"pose/{i}.txt").write_text("-inf " * 16) for i in range(5)], "no pose of 5 frames"),
         (lambda r: shutil.rmtree(r / "color"), "no image file that can be read .*0.jpg"),
         (lambda r: (r / "annotations.json").unlink(), "no annotations in"),

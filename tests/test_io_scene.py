@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -175,11 +176,6 @@ def test_incomplete_folder(tiny: Path, break_it: Callable[[Path], object], says:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda d: d.pop("fl_x"), "frame images/000.png: no fl_x"),
-        (lambda d: d.update(k1="a"), "k1 must be a finite number"),
-        (lambda d: d.update(camera_model="EQUIRECTANGULAR"), "camera_model 'EQUIRECTANGULAR' is not supported"),
-        (lambda d: d.update(k4=0.1), "k4 is supported for OPENCV_FISHEYE only"),
-        (lambda d: d.update(w=63), "000.png is 64x48 px but its camera says 63x48"),
         (lambda d: d["frames"][2].update(transform_matrix=[[1, 0], [0, 1]]), "frame images/002.png: transform_matrix"),
         (lambda d: d["frames"][2]["transform_matrix"][0].__setitem__(3, float("nan")), "images/002.png: .*finite"),
         (lambda d: d["frames"][2]["transform_matrix"][0].__setitem__(0, 1.1), "images/002.png: .*no rotation"),
@@ -187,6 +183,25 @@ def test_incomplete_folder(tiny: Path, break_it: Callable[[Path], object], says:
         (lambda d: d["frames"][2].update(file_path="../002.png"), "leads out of the scene folder"),
         (lambda d: d["frames"][2].update(file_path="/etc/002.png"), "must be relative"),
         (lambda d: d["frames"][2].pop("file_path"), "frame number 2 has no file_path"),
+    ],
+)
+def test_a_bad_frame_costs_only_itself(tiny: Path, edit_json: Edit, change: Callable[[Any], object], says: str) -> None:
+    edit_json(tiny / "transforms.json", change)
+    scene = load_scene(tiny)
+    assert len(scene.frames) == 4
+    (warning,) = [line for line in scene.warnings if "cannot be used and were skipped" in line]
+    assert re.search(says, warning), warning
+    assert warning.isprintable()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.pop("fl_x"), "frame images/000.png: no fl_x"),
+        (lambda d: d.update(k1="a"), "k1 must be a finite number"),
+        (lambda d: d.update(camera_model="EQUIRECTANGULAR"), "camera_model 'EQUIRECTANGULAR' is not supported"),
+        (lambda d: d.update(k4=0.1), "k4 is supported for OPENCV_FISHEYE only"),
+        (lambda d: d.update(w=63), "000.png is 64x48 px but its camera says 63x48"),
         (lambda d: d["frames"].append(d["frames"][0]), "two cameras for one image, 000.png"),
     ],
 )

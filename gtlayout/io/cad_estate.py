@@ -24,7 +24,7 @@ from gtlayout.io.lenses import MAX_STRETCH, finite, lens
 from gtlayout.io.masks import decode_mask, mask_polygons, simple_rings
 from gtlayout.io.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.room_structure import read_room_structure
-from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader
+from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader, usable
 from gtlayout.io.timed_images import TimedImages, find_timed_images
 from gtlayout.scene import FloatArray, ImageArray, Label
 
@@ -54,12 +54,12 @@ def read_frames(root: Path, path: Path) -> PosedImages:
 
     Images may have another size than ``image_size``: intrinsics are scaled to them. Without images, the frames of the
     one video file in ``root`` are taken that are at the same times.
-    Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, or not a rotation.
+    Frames of which something is missing, not finite, or not a rotation are skipped, with a warning. Raises
+    GtlayoutError naming the file when it is none, or nothing is left.
     """
     clip = _clip(root, path)
-    return PosedImages(
-        tuple(_posed_image(frame, i, clip, path) for i, frame in enumerate(clip.frames)), clip.images.warnings
-    )
+    images, skipped = usable(range(len(clip.frames)), lambda i: _posed_image(clip.frames[i], i, clip, path))
+    return PosedImages(tuple(images), (*clip.images.warnings, *skipped))
 
 
 def read_masks(root: Path, path: Path) -> RawAnnotations:

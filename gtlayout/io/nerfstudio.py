@@ -20,7 +20,7 @@ from gtlayout.io.files import path_inside, read_json, write_json_atomic
 from gtlayout.io.images import size_of_first
 from gtlayout.io.lenses import finite, lens
 from gtlayout.io.poses import OPENGL_FROM_OPENCV, cam_from_world_opengl
-from gtlayout.io.sources import PosedImage, PosedImages, Reader
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import FloatArray, Frame
 
 FILE_NAME = "transforms.json"
@@ -35,8 +35,8 @@ def read_transforms(root: Path, path: Path) -> PosedImages:
     What a frame says goes before what the file says. Rotations are made orthonormal; positions are divided by
     ``applied_scale``, which depth maps never went through. ``file_path`` is relative to the file and may lack its
     extension. Without ``w`` and ``h`` the images are as large as the first one.
-    Raises GtlayoutError naming the file and the frame for whatever is missing, not finite, not a rotation, or leads
-    out of the scene folder.
+    Frames of which something is missing, not finite, not a rotation, or leads out of the scene folder are skipped, with
+    a warning. Raises GtlayoutError naming the file when it is none, or nothing is left.
     """
     data = read_json(path)
     entries = data.get("frames")
@@ -45,16 +45,14 @@ def read_transforms(root: Path, path: Path) -> PosedImages:
     applied_scale = finite(data.get("applied_scale", 1))
     if applied_scale is None or applied_scale <= 0:
         raise GtlayoutError(f"{path}: applied_scale must be a positive number, not {data['applied_scale']!r}")
-    image_paths = [_image_path(entry, i, root, path) for i, entry in enumerate(entries)]
-    if not all({"w", "h"} <= {**data, **entry}.keys() for entry in entries):
-        size = size_of_first(image_paths)
+    found, bad_paths = usable(range(len(entries)), lambda i: (i, _image_path(entries[i], i, root, path)))
+    if not all({"w", "h"} <= {**data, **entries[i]}.keys() for i, _ in found):
+        size = size_of_first([image_path for _, image_path in found])
         data = data if size is None else {"w": size[0], "h": size[1], **data}
-    return PosedImages(
-        tuple(
-            _posed_image(entry, image_path, data, applied_scale, root, path)
-            for entry, image_path in zip(entries, image_paths, strict=True)
-        )
+    images, bad_cameras = usable(
+        found, lambda each: _posed_image(entries[each[0]], each[1], data, applied_scale, root, path)
     )
+    return PosedImages(tuple(images), (*bad_paths, *bad_cameras))
 
 
 def write_transforms(path: Path, frames: Sequence[Frame]) -> None:

@@ -21,7 +21,7 @@ from gtlayout.io.files import read_json
 from gtlayout.io.images import size_of_first
 from gtlayout.io.lenses import finite, lens, pinhole, scaled
 from gtlayout.io.poses import cam_from_world_opengl
-from gtlayout.io.sources import PosedImage, PosedImages, Reader
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import FloatArray
 
 FOLDER = "keyframes"
@@ -45,38 +45,19 @@ def read_polycam(_root: Path, path: Path) -> PosedImages:
         raise GtlayoutError(
             f"{path}: no image that can be read for any of {len(files)} cameras; looked for {images[0]}"
         )
-    posed, problems = [], []
-    for file, image, depth in zip(files, images, depths, strict=True):
-        try:
-            data = read_json(file)
-            R_cam_from_world, t_cam_from_world = cam_from_world_opengl(
-                _world_from_cam(data, file), f"{file}: t_00 to t_22"
-            )
-            said = _camera(data, path, file)
-        except GtlayoutError as error:
-            problems.append(str(error))
-            continue
-        camera = scaled(said, size, str(file))
+
+    def posed(number: int) -> PosedImage:
+        file, image, depth = files[number], images[number], depths[number]
+        data = read_json(file)
+        pose = cam_from_world_opengl(_world_from_cam(data, file), f"{file}: t_00 to t_22")
+        camera = scaled(_camera(data, path, file), size, str(file))
         depth_camera = pinhole(scaled(camera, depth_size, f"{file}: depth")) if depth_size and depth.is_file() else None
-        posed.append(
-            PosedImage(
-                image.name,
-                image,
-                camera,
-                R_cam_from_world,
-                t_cam_from_world,
-                depth if depth_camera else None,
-                depth_camera,
-            )
-        )
-    if not posed:
-        raise GtlayoutError(f"none of {len(files)} cameras can be used: {problems[0]}")
-    warnings = []
-    if cameras_folder.name != CORRECTED[0]:
-        warnings.append(f"{path}: no corrected cameras, so poses may drift and images keep a little distortion")
-    if problems:
-        warnings.append(f"{len(problems)} of {len(files)} cameras were skipped, first {problems[0]}")
-    return PosedImages(tuple(posed), tuple(warnings), metric=True)
+        return PosedImage(image.name, image, camera, *pose, depth if depth_camera else None, depth_camera)
+
+    found, skipped = usable(range(len(files)), posed)
+    drift = f"{path}: no corrected cameras, so poses may drift and images keep a little distortion"
+    uncorrected = () if cameras_folder.name == CORRECTED[0] else (drift,)
+    return PosedImages(tuple(found), (*uncorrected, *skipped), metric=True)
 
 
 def _camera(data: dict[str, Any], path: Path, file: Path) -> pycolmap.Camera:

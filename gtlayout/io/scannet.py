@@ -19,7 +19,7 @@ from gtlayout.io.images import size_of_first
 from gtlayout.io.lenses import lens
 from gtlayout.io.poses import cam_from_world, nearest_rotation
 from gtlayout.io.registration import Pinhole, Registration
-from gtlayout.io.sources import PosedImage, PosedImages, Reader
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import FloatArray, Frame, Scene
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
@@ -35,11 +35,12 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
     with a warning, where ``extrinsic_color.txt`` and ``extrinsic_depth.txt`` differ.
     Raises GtlayoutError naming the file that is absent, damaged, or no camera.
     """
-    poses = {file: _matrix(file, (4, 4)) for file in _pose_files(path)}
+    read, skipped = usable(_pose_files(path), lambda file: (file, _pose(file)))
+    poses = dict(read)
     found = {file: pose for file, pose in poses.items() if np.all(np.isfinite(pose))}
     if not found:
         raise GtlayoutError(f"{path}: no pose of {len(poses)} frames is finite")
-    warnings = []
+    warnings = [*skipped]
     if len(found) < len(poses):
         first = next(file for file in poses if file not in found)
         warnings.append(
@@ -59,9 +60,8 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
     params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
     camera = lens("PINHOLE", size, params, f"{path}: the image's intrinsics")
     images = []
-    for (file, pose), (image, depth) in zip(found.items(), files, strict=True):
-        rotation = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3")
-        R_cam_from_world, t_cam_from_world = cam_from_world(rotation, pose[:3, 3])
+    for pose, (image, depth) in zip(found.values(), files, strict=True):
+        R_cam_from_world, t_cam_from_world = cam_from_world(pose[:3, :3], pose[:3, 3])
         # A path that is no file: nothing is there, and nothing else is looked for.
         depth_path = root if apart else depth
         images.append(
@@ -158,6 +158,14 @@ def _camera_matrix(file: Path, size: int) -> FloatArray:
     if not np.all(np.isfinite(K)) or min(K[0, 0], K[1, 1]) <= 0 or np.any(np.abs(K[[0, 1, 2, 2], [1, 0, 0, 1]]) > 1e-6):
         raise GtlayoutError(f"{file} holds no pinhole intrinsics without skew")
     return K
+
+
+def _pose(file: Path) -> FloatArray:
+    """(4, 4) camera-to-world, the rotation made orthonormal; not finite where it was lost."""
+    pose = _matrix(file, (4, 4))
+    if np.all(np.isfinite(pose)):
+        pose[:3, :3] = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3")
+    return pose
 
 
 def _matrix(file: Path, shape: tuple[int, int]) -> FloatArray:

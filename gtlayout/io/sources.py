@@ -5,16 +5,18 @@ A new format is one file that fills these types and one entry in ``gtlayout.io``
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import pycolmap
 
+from gtlayout.errors import GtlayoutError
 from gtlayout.io.registration import Pinhole
 from gtlayout.scene import FloatArray, VideoFrame
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 
@@ -111,3 +113,20 @@ class Reader(Generic[T]):
     """Scene folder → the files or folders of this format in it."""
     read: Callable[[Path, Path], T]
     """(scene folder, the one detected path) → the data; raises GtlayoutError."""
+
+
+def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple[str, ...]]:
+    """Cameras as ``read`` makes them of ``entries``, and a warning that counts those it raised GtlayoutError for.
+
+    Raises the first of these errors when nothing is left.
+    """
+    found, problems = [], []
+    for entry in entries:
+        try:
+            found.append(read(entry))
+        except GtlayoutError as error:
+            problems.append(error)
+    if problems and not found:
+        raise problems[0]
+    count = f"{len(problems)} of {len(entries)} cameras cannot be used and were skipped, first: "
+    return found, (count + str(problems[0]),) if problems else ()
