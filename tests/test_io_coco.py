@@ -6,7 +6,7 @@ import contextlib
 import io
 import json
 import shutil
-import time
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -136,10 +136,12 @@ def test_run_lengths_of_pycocotools(seed: int) -> None:
 
 def test_a_mask_costs_what_its_runs_cost() -> None:
     side = 60_000
-    started = time.perf_counter()
+    tracemalloc.start()
     (ring,) = rle_rings({"size": [side, side], "counts": [side // 2, side * side - side // 2]}, None)
     assert Polygon(ring).area == side * side - side // 2
-    assert time.perf_counter() - started < 0.5
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak_bytes < 1 << 20
 
 
 def test_amodal_variants(tmp_path: Path) -> None:
@@ -274,17 +276,3 @@ def test_round_trip_of_a_room(room: Path, tmp_path: Path) -> None:
             assert one.label == other.label
             assert one.amodal.symmetric_difference(other.amodal).area == pytest.approx(0, abs=1e-6)
             assert one.visible.symmetric_difference(other.visible).area == pytest.approx(0, abs=1e-6)
-
-
-def test_speed(tmp_path: Path) -> None:
-    outline = np.random.default_rng(0).uniform(0, 48, 40).tolist()
-    images = [{"id": i, "file_name": f"{i:04d}.jpg", "width": 64, "height": 48} for i in range(1000)]
-    annotations = [_annotation(id=i, image_id=i // 10, segmentation=[outline]) for i in range(10_000)]
-    path = tmp_path / "big.json"
-    path.write_text(
-        json.dumps({"images": images, "categories": [{"id": 1, "name": "wall"}], "annotations": annotations})
-    )
-    started = time.perf_counter()
-    read = read_coco(tmp_path, path)
-    assert sum(len(k.shapes) for k in read.key_frames) == 10_000
-    assert time.perf_counter() - started < 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from pathlib import Path
 from typing import Any
 
@@ -397,31 +396,3 @@ def test_what_we_write_is_read_by_datumaro(tiny: Path) -> None:
     )
     assert area == pytest.approx(_layout()[0].elements[0].amodal.area, abs=1e-6)
     assert [s["attributes"]["element"] for s in shapes if s["label"] == "visible"] == ["a & <b>"]
-
-
-def test_a_large_file_is_read_in_time(tmp_path: Path) -> None:
-    """1,000 images, 10,000 polygons: at most 2 s of computing; the best of three, others use this machine, too."""
-    rng = np.random.default_rng(0)
-    labels = ["wall"] * 4 + ["floor", "ceiling", "door", "window", "visible", "visible"]
-    angles = np.sort(rng.uniform(0, 2 * np.pi, (1000, len(labels), 8)), axis=2)
-    circles = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    middles = rng.uniform([300, 300], [1600, 800], (1000, len(labels), 1, 2))
-    points_px = middles + circles * rng.uniform(50, 400, (1000, len(labels), 1, 1))
-    lines = ["<annotations><meta/>"]
-    for i, shapes in enumerate(points_px.tolist()):
-        lines.append(f'<image id="{i}" name="{i:04d}.jpg" width="1920" height="1080">')
-        for label, shape in zip(labels, shapes, strict=True):
-            text = ";".join(f"{x:.2f},{y:.2f}" for x, y in shape)
-            lines.append(f'  <polygon label="{label}" source="manual" occluded="0" points="{text}" z_order="0">')
-            lines.append('    <attribute name="id"></attribute>\n  </polygon>')
-        lines.append("</image>")
-    path = tmp_path / "annotations.xml"
-    path.write_text("\n".join([*lines, "</annotations>"]))
-    frames = [_frame(f"{i:04d}.jpg", (1920, 1080)) for i in range(1000)]
-
-    def took_s() -> float:
-        start = time.process_time()
-        assert len(build_key_frames(read_cvat(tmp_path, path), frames, (), {})[0]) == 1000
-        return time.process_time() - start
-
-    assert any(took_s() <= 2 for _ in range(3))
