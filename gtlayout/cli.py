@@ -54,7 +54,7 @@ def solve(
 ) -> None:
     """Reconstruct the room in a scene folder.
 
-    The folder holds images/, cameras (COLMAP sparse/0 or nerfstudio transforms.json) and annotations.json. Written are
+    The folder holds images or a video, cameras and annotations, in any of the formats that are read. Written are
     layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json and config.json;
     a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
 

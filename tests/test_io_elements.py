@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -18,7 +19,8 @@ from gtlayout.io.frame_names import FrameFinder
 from gtlayout.io.key_frames import build_key_frames
 from gtlayout.io.labels import Kind, label_meanings, meaning, read_label_file
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape
-from gtlayout.scene import Frame, Label
+from gtlayout.io.video import Video
+from gtlayout.scene import Frame, Label, VideoFrame
 
 
 @pytest.mark.parametrize(
@@ -191,6 +193,10 @@ def test_images_are_found_by_path_name_stem_and_number(tiny: Path) -> None:
     assert found("elsewhere/lost.jpg") == "has no image file"
     assert found("77.jpg") == "has no camera"
     assert found("frame_000002", 2) == 2
+    from_video = [replace(frame, video=VideoFrame(Video(Path("clip.mp4")), 20 + i)) for i, frame in enumerate(frames)]
+    find = FrameFinder(nothing, from_video, ())
+    assert [found("frame_000021", 1), found("frame_000023", 3), found("frame_000030", 0)] == [1, 3, 3]
+    find = FrameFinder(nothing, frames, ())
     assert found("frame_000004", 4) == "has no camera"
 
 

@@ -18,10 +18,8 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotation_files import files_of_kind
 from gtlayout.io.checked import Notes, UnusableError
 from gtlayout.io.cvat_shapes import geometry, whole_number
+from gtlayout.io.frame_names import VIDEO_FRAME
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
-
-VIDEO_FRAME = re.compile(r"frame_(\d{6,9})")
-"""What CVAT calls a frame of a video; images keep their file names, which have an ending."""
 
 
 @dataclass(frozen=True)
