@@ -52,7 +52,7 @@ def test_cad_estate_end_to_end(
     root, out = tmp_path / "annotations", tmp_path / "out"
     shutil.copytree(releases / "annotations", root)
     shutil.copytree(root / "video_0", root / "video_broken")
-    edit_json(root / "video_broken" / "frames.json", lambda data: data["frames"][0].pop("intrinsics"))
+    edit_json(root / "video_broken" / "frames.json", lambda data: data.pop("frames"))
     shutil.copytree(root / "video_0", root / "video_grey")
     for image in (root / "video_grey/video").iterdir():
         image.write_bytes(cv2.imencode(".jpg", np.full((120, 160, 3), 128, dtype=np.uint8))[1].tobytes())
