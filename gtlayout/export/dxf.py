@@ -23,11 +23,11 @@ from gtlayout.scene import Scene
 METRES, UNITLESS = 6, 0
 """$INSUNITS (Autodesk, DXF reference, HEADER section)."""
 TEXT_STYLE = "LiberationSans"
-BY_LAYER = 256
+BY_LAYER, BY_BLOCK = 256, 0
 TRANSPARENCY = 0.7
 DASHES_MM = (2.0, 1.2)
 LAYERS: dict[Layer, tuple[int, int]] = {
-    "floor": (33, 13),
+    "floor": (31, 13),
     "sigma": (151, 13),
     "slanted": (193, 25),
     "walls": (7, 70),
@@ -99,7 +99,7 @@ def _add_dimension(msp: Modelspace, measure: Measure, mm: float) -> None:
     upright = (angle + UPRIGHT_DEG) % 180.0 - UPRIGHT_DEG
     first, second = measure.origins if abs(upright - angle) < 90.0 else measure.origins[::-1]
     sizes = {"dimtxt": measure.height, "dimtsz": TICK_MM * mm, "dimgap": mm, "dimexo": 2 * mm, "dimexe": mm}
-    colors = {"dimclrd": BY_LAYER, "dimclre": BY_LAYER, "dimclrt": BY_LAYER}
+    colors = {"dimclrd": BY_BLOCK, "dimclre": BY_BLOCK, "dimclrt": BY_BLOCK}
     msp.add_linear_dim(
         base=measure.ends[0].tolist(),
         p1=first.tolist(),
