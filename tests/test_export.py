@@ -26,7 +26,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.export import EXPORTERS, Exporter, Format, export_layout
 from gtlayout.export.floor_plan import BAND_SIGMAS, FloorPlan, Footprint, floor_plan
 from gtlayout.export.glb import y_up
-from gtlayout.export.plan_drawing import CHARACTER, draw, length_text
+from gtlayout.export.plan_drawing import draw, length_text
 from gtlayout.io.room_structure import DOOR_FLAG, WINDOW_FLAG, read_room_structure
 from gtlayout.layout import Dimension, Extent, Layout
 from gtlayout.mesh import build_mesh
@@ -289,17 +289,21 @@ def test_nothing_to_draw_is_one_clear_line(tmp_path: Path, room: tuple[Scene, La
         with pytest.raises(GtlayoutError, match="no floor plan: the layout has no floor, ceiling or wall"):
             export_layout(tmp_path / "plan", scene, lost, to)
     assert not (tmp_path / "plan").exists()
+    with pytest.raises(GtlayoutError, match="no floor plan: the layout has no wall, floor or slanted"):
+        floor_plan(*made(tmp_path, (rooms.CEILING,)))
 
 
 def test_slanted_surfaces_are_outlines(tmp_path: Path) -> None:
     roof = rooms.Surface("slanted", rooms.rectangle([0, 0, 2], [0, 5, 0], [2, 0, 1]))
-    scene, layout = made(tmp_path, (*rooms.BOX, roof))
+    skylight = rooms.Surface("window", rooms.rectangle([0.5, 2, 2.25], [0, 1, 0], [1, 0, 0.5]), host=6)
+    scene, layout = made(tmp_path, (*rooms.BOX, roof, skylight))
     plan = floor_plan(scene, layout)
-    (outline,) = [one for one in plan.outlines if one.label == "slanted"]
-    assert outline.region.area == pytest.approx(10.0)
+    drawn = {one.name: one.region.area for one in plan.outlines}
+    assert drawn == pytest.approx({"floor_0": 20.0, "slanted_6": 10.0, "window_7": 1.0})
+    assert not plan.openings
     export_layout(tmp_path / "a.dxf", scene, layout, "dxf")
     doc = ezdxf.readfile(tmp_path / "a.dxf")
-    assert len(doc.modelspace().query('LWPOLYLINE[layer=="SLANTED"]')) == 1
+    assert len(doc.modelspace().query('LWPOLYLINE[layer=="SLANTED"]')) == 2
     assert doc.layers.get("SLANTED").dxf.linetype == "GTLAYOUT_DASHED"
 
 
@@ -308,15 +312,10 @@ def test_no_text_lies_on_a_wall_or_another_text(room: tuple[Scene, Layout], scal
     plan = _scaled(floor_plan(*room), scale)
     drawing = draw(plan)
     walls = shapely.union_all([shapely.LineString(wall.ends) for wall in plan.walls])
-    boxes = []
-    for text in drawing.texts:
-        half = np.array([CHARACTER * len(text.text), 1.0]) * text.height / 2
-        flat = shapely.box(*(-half), *half) if text.centred else shapely.box(0, 0, *(2 * half))
-        turned = shapely.affinity.rotate(flat, text.angle_deg, origin=(0, 0))
-        boxes.append(shapely.affinity.translate(turned, *text.at))
+    boxes = [text.box for text in drawing.texts]
     for measure in drawing.measures:
         boxes.append(shapely.LineString(measure.ends).buffer(measure.height * 1.4))
-    assert len(boxes) == 6 + 2 + 4
+    assert len(boxes) == 6 + 2 + 5
     for i, one in enumerate(boxes):
         assert not one.intersects(walls)
         assert all(one.distance(other) > 0 for other in boxes[:i])
