@@ -286,11 +286,15 @@ def test_nothing_to_draw_is_one_clear_line(tmp_path: Path, room: tuple[Scene, La
     scene, layout = room
     lost = replace(layout, planes=tuple(replace(plane, observable=False) for plane in layout.planes))
     for to in ("svg", "dxf"):
-        with pytest.raises(GtlayoutError, match="no floor plan: the layout has no floor, ceiling or wall"):
+        with pytest.raises(GtlayoutError, match="tells which way is up: it has no floor, ceiling or wall"):
             export_layout(tmp_path / "plan", scene, lost, to)
     assert not (tmp_path / "plan").exists()
     with pytest.raises(GtlayoutError, match="no floor plan: the layout has no wall, floor or slanted"):
         floor_plan(*made(tmp_path, (rooms.CEILING,)))
+    scene, layout = made(tmp_path, (rooms.FLOOR,))
+    taken_for_a_wall = replace(layout, instances=(replace(layout.instances[0], label="wall"),))
+    with pytest.raises(GtlayoutError, match="its walls are parallel"):
+        floor_plan(scene, taken_for_a_wall)
 
 
 def test_slanted_surfaces_are_outlines(tmp_path: Path) -> None:

@@ -36,17 +36,22 @@ def floor_frame(scene: Scene, layout: Layout, seen: Sequence[int]) -> tuple[Plan
     if (ceiling := largest("ceiling")) is not None:
         up = -layout.planes[ceiling].normal
     else:
-        level, up = "walls and cameras", _up_of_walls(scene, layout, seen)
+        level, up = "walls and cameras", up_of_walls(scene, layout, seen)
     corners = np.concatenate([_corners(layout, i) for i in seen])
     middle = corners.mean(axis=0)
     return PlaneFrame.across(up, middle + ((corners - middle) @ up).min() * up), level
 
 
-def _up_of_walls(scene: Scene, layout: Layout, seen: Sequence[int]) -> FloatArray:
-    """(3,) the direction that all walls have in common, on the side of the cameras' mean up (their −y)."""
+def up_of_walls(scene: Scene, layout: Layout, seen: Sequence[int]) -> FloatArray:
+    """(3,) the direction that all walls in ``seen`` have in common, on the side of the cameras' mean up (their −y).
+
+    Raises GtlayoutError when there are none, or they and the cameras leave it open.
+    """
     walls = [i for i in seen if layout.instances[i].label == "wall"]
     if not walls:
-        raise GtlayoutError("no floor plan: the layout has no floor, ceiling or wall whose place is known")
+        raise GtlayoutError(
+            "nothing in the layout tells which way is up: it has no floor, ceiling or wall whose place is known"
+        )
     cameras_up = np.mean([-frame.camera.R_cam_from_world[1] for frame in scene.frames], axis=0)
     normals = np.stack([layout.planes[i].normal for i in walls])
     _, strength, axes = np.linalg.svd(np.sqrt([[layout.extents[i].region.area] for i in walls]) * normals)
@@ -55,7 +60,9 @@ def _up_of_walls(scene: Scene, layout: Layout, seen: Sequence[int]) -> FloatArra
     # All walls are parallel: what the cameras say, as far as the walls leave it open.
     level_up: FloatArray = cameras_up - (cameras_up @ axes[0]) * axes[0]
     if np.linalg.norm(level_up) < MIN_SINE:
-        raise GtlayoutError("no floor plan: nothing in the layout tells which way is up")
+        raise GtlayoutError(
+            "nothing in the layout tells which way is up: its walls are parallel, and the cameras' up is across them"
+        )
     return level_up / np.linalg.norm(level_up)
 
 
