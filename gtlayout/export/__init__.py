@@ -12,7 +12,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
-Format = Literal["glb", "ply", "cad-estate"]
+Format = Literal["glb", "ply", "cad-estate", "ifc", "usd"]
 Writer = Callable[[Path, Scene, Layout], None]
 """Writes a layout, and what of its scene the format holds, to a file or a new folder: all of it or nothing.
 
@@ -51,6 +51,8 @@ EXPORTERS: dict[Format, Exporter] = {
     "glb": Exporter("layout.glb", "gtlayout.export.glb"),
     "ply": Exporter("layout.ply", "gtlayout.export.ply"),
     "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
+    "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
+    "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),
 }
 
 
