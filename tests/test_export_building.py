@@ -1,4 +1,4 @@
-"""IFC and USD: valid by their own tools' checkers, and surfaces read back from them where the layout has them."""
+"""IFC and USD: valid by their own tools' checkers, and surfaces where the layout has them; SceneScript read back."""
 
 from __future__ import annotations
 
@@ -243,3 +243,65 @@ def test_usd_of_nothing(tmp_path: Path) -> None:
     stage, meshes = written_usd(tmp_path, scene, without_place(layout, *range(len(SURFACES))))
     assert usd_complaints(stage) == []
     assert meshes == {}
+
+
+def read_commands(text: str) -> dict[tuple[str, int], dict[str, float]]:
+    """As the authors' LanguageSequence.load_from_file takes a file apart."""
+    commands = {}
+    for line in text.splitlines():
+        name, *parameters = line.rstrip().split(", ")
+        values = {key: float(value) for key, value in (parameter.split("=") for parameter in parameters)}
+        commands[name, int(values["id"])] = values
+    return commands
+
+
+def test_scenescript_walls_and_what_lies_in_them(tmp_path: Path) -> None:
+    """Where walls and openings of the box are, in the file's frame; the slanted surface and the loose door are not."""
+    scene, layout = scene_and_layout()
+    export_layout(tmp_path / "room.txt", scene, layout, "scenescript")
+    commands = read_commands((tmp_path / "room.txt").read_text())
+    assert list(commands) == [*(("make_wall", i) for i in range(4)), ("make_door", 1000), ("make_window", 2000)]
+    file_from_room = z_up_from_world(layout) @ UP
+    for number, surface in enumerate(rooms.BOX[2:]):
+        wall = commands["make_wall", number]
+        ends = np.array([[wall[f"{end}_{axis}"] for axis in "xyz"] for end in "ab"]) @ file_from_room
+        corners = surface.corners[surface.corners[:, 2] == 0]
+        distances = np.linalg.norm(ends[:, None] - corners, axis=2)
+        assert np.allclose(np.sort(distances, axis=1)[:, 0], 0, atol=2e-6)
+        assert np.isclose(np.linalg.norm(ends[1] - ends[0]), np.linalg.norm(corners[1] - corners[0]), atol=2e-6)
+        assert (wall["height"], wall["thickness"]) == (2.5, 0.0)
+    # The door's leaf is 5 cm behind its wall, the door in it.
+    for opening, host, center, size in (
+        (commands["make_door", 1000], 2, [2.0, 5.0, 1.0], (1.0, 2.0)),
+        (commands["make_window", 2000], 0, [0.0, 2.0, 1.5], (2.0, 1.0)),
+    ):
+        assert (opening["wall0_id"], opening["wall1_id"]) == (host, host)
+        position = np.array([opening[f"position_{axis}"] for axis in "xyz"]) @ file_from_room
+        assert np.allclose(position, center, atol=2e-6)
+        assert np.allclose((opening["width"], opening["height"]), size, atol=2e-6)
+
+
+def test_scenescript_leans_a_wall_upright_at_half_its_height(tmp_path: Path) -> None:
+    """5° from upright it is still a wall, 15° no more."""
+    for degrees, walls in ((5, 4), (15, 3)):
+        lean = 2.5 * np.tan(np.deg2rad(degrees))
+        leaning = rooms.Surface("wall", rooms.rectangle([0, 0, 0], [0, 5, 0], [-lean, 0, 2.5]))
+        scene, layout = scene_and_layout((*rooms.BOX[:2], leaning, *rooms.BOX[3:]))
+        export_layout(tmp_path / "room.txt", scene, layout, "scenescript")
+        commands = read_commands((tmp_path / "room.txt").read_text())
+        assert len(commands) == walls
+        if walls == 4:
+            ends = np.array([[commands["make_wall", 0][f"{end}_{axis}"] for axis in "xyz"] for end in "ab"])
+            assert np.allclose((ends @ z_up_from_world(layout) @ UP)[:, 0], -lean / 2, atol=2e-6)
+
+
+def test_scenescript_cannot_say_that_it_is_not_metric(tmp_path: Path) -> None:
+    with pytest.raises(GtlayoutError, match="--known-distance"):
+        export_layout(tmp_path / "room.txt", *scene_and_layout(metric=False), "scenescript")
+    assert not list(tmp_path.iterdir())
+
+
+def test_scenescript_of_nothing(tmp_path: Path) -> None:
+    scene, layout = scene_and_layout()
+    export_layout(tmp_path / "room.txt", scene, without_place(layout, *range(len(SURFACES))), "scenescript")
+    assert (tmp_path / "room.txt").read_text() == ""

@@ -12,7 +12,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
-Format = Literal["glb", "ply", "cad-estate", "ifc", "usd"]
+Format = Literal["glb", "ply", "cad-estate", "ifc", "usd", "scenescript"]
 Writer = Callable[[Path, Scene, Layout], None]
 """Writes a layout, and what of its scene the format holds, to a file or a new folder: all of it or nothing.
 
@@ -53,6 +53,7 @@ EXPORTERS: dict[Format, Exporter] = {
     "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
     "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
     "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),
+    "scenescript": Exporter("scene_language.txt", "gtlayout.export.scenescript"),
 }
 
 
