@@ -83,9 +83,9 @@ def shape(product: Any) -> trimesh.Trimesh:
     return trimesh.Trimesh(np.reshape(triangles.verts, (-1, 3)), np.reshape(triangles.faces, (-1, 3)), process=False)
 
 
-def heights(points: FloatArray, plane: Plane, layout: Layout) -> FloatArray:
+def heights(points: FloatArray, plane: Plane, scene: Scene, layout: Layout) -> FloatArray:
     """Distances of (..., 3) points of a file from a plane of the layout."""
-    return points @ (z_up_from_world(layout) @ plane.normal) + plane.d
+    return points @ (z_up_from_world(scene, layout) @ plane.normal) + plane.d
 
 
 def properties(product: Any) -> dict[str, Any]:
@@ -112,18 +112,31 @@ def test_ifc_surfaces_lie_where_the_layout_has_them(tmp_path: Path) -> None:
     scene, layout = scene_and_layout()
     model = written_ifc(tmp_path, scene, layout)  # its products point into it
     products = {e.Name: e for e in model.by_type("IfcBuildingElement")}
-    assert np.allclose(z_up_from_world(layout) @ layout.planes[0].normal, [0, 0, 1])
+    assert np.allclose(z_up_from_world(scene, layout) @ layout.planes[0].normal, [0, 0, 1])
     for instance, plane, area in zip(layout.instances, layout.planes, AREAS, strict=True):
         body = shape(products[instance.name])
-        distances = heights(body.vertices, plane, layout)
+        distances = heights(body.vertices, plane, scene, layout)
         thickness = THICKNESS_M.get(instance.label, SHELL_THICKNESS_M)
         assert np.allclose(distances[distances > -0.5 * thickness], 0, atol=1e-6)
         assert np.allclose(distances[distances < -0.5 * thickness], -thickness, atol=1e-6)
-        front = np.abs(heights(body.triangles, plane, layout)).max(axis=1) < 1e-6
+        front = np.abs(heights(body.triangles, plane, scene, layout)).max(axis=1) < 1e-6
         assert np.isclose(body.area_faces[front].sum(), area)
     assert np.isclose(products["door_6"].OverallHeight, 2.0)
     assert np.isclose(products["door_6"].OverallWidth, 1.0)
     assert np.isclose(products["window_7"].OverallWidth, 2.0)
+
+
+def test_walls_alone_tell_where_up_is(tmp_path: Path) -> None:
+    """Without floor and ceiling, and by cameras that look 20° down."""
+    scene, layout = scene_and_layout()
+    nod = rooms.level_camera([2.0, 1.0, 1.25]).R_cam_from_world.T
+    down = trimesh.transformations.rotation_matrix(np.deg2rad(-20), [1, 0, 0])[:3, :3] @ nod
+    camera = replace(scene.frames[0].camera, R_cam_from_world=(UP @ down).T)
+    scene = replace(scene, frames=(replace(scene.frames[0], camera=camera),))
+    layout = without_place(layout, 0, 1, 9)
+    assert np.allclose(z_up_from_world(scene, layout) @ UP[:, 2], [0, 0, 1])
+    export_layout(tmp_path / "room.txt", scene, layout, "scenescript")
+    assert len(read_commands((tmp_path / "room.txt").read_text())) == 6
 
 
 def test_ifc_properties(tmp_path: Path) -> None:
@@ -159,7 +172,7 @@ def test_ifc_of_what_has_no_place(tmp_path: Path) -> None:
     assert complaints(model) == []
     assert (len(model.by_type("IfcWall")), len(model.by_type("IfcOpeningElement"))) == (3, 0)
     door = next(door for door in model.by_type("IfcDoor") if door.Name == "door_6")
-    assert np.abs(heights(shape(door).vertices, layout.planes[6], layout)).max() < THICKNESS_M["door"] + 1e-6
+    assert np.abs(heights(shape(door).vertices, layout.planes[6], scene, layout)).max() < THICKNESS_M["door"] + 1e-6
     assert properties(model.by_type("IfcSpace")[0])["not_placed"] == "wall_4, window_7"
     empty = written_ifc(tmp_path, scene, without_place(layout, *range(len(SURFACES))))
     assert complaints(empty) == []
@@ -224,8 +237,8 @@ def test_usd_is_valid_and_its_surfaces_lie_where_the_layout_has_them(tmp_path: P
         faces = np.reshape(mesh.GetFaceVertexIndicesAttr().Get(), (-1, 3))
         surface = trimesh.Trimesh(np.array(mesh.GetPointsAttr().Get()), faces, process=False)
         assert np.isclose(surface.area, area, rtol=1e-5)
-        assert np.allclose(heights(surface.vertices, plane, layout), 0, atol=1e-5)
-        assert np.allclose(surface.face_normals, z_up_from_world(layout) @ plane.normal, atol=1e-5)
+        assert np.allclose(heights(surface.vertices, plane, scene, layout), 0, atol=1e-5)
+        assert np.allclose(surface.face_normals, z_up_from_world(scene, layout) @ plane.normal, atol=1e-5)
         assert np.isclose(mesh.GetPrim().GetAttribute("gtlayout:sigma_normal_deg").Get(), 1.0)
         sigma = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("sigma")
         assert sigma.GetInterpolation() == "vertex"
@@ -261,7 +274,7 @@ def test_scenescript_walls_and_what_lies_in_them(tmp_path: Path) -> None:
     export_layout(tmp_path / "room.txt", scene, layout, "scenescript")
     commands = read_commands((tmp_path / "room.txt").read_text())
     assert list(commands) == [*(("make_wall", i) for i in range(4)), ("make_door", 1000), ("make_window", 2000)]
-    file_from_room = z_up_from_world(layout) @ UP
+    file_from_room = z_up_from_world(scene, layout) @ UP
     for number, surface in enumerate(rooms.BOX[2:]):
         wall = commands["make_wall", number]
         ends = np.array([[wall[f"{end}_{axis}"] for axis in "xyz"] for end in "ab"]) @ file_from_room
@@ -292,7 +305,7 @@ def test_scenescript_leans_a_wall_upright_at_half_its_height(tmp_path: Path) -> 
         assert len(commands) == walls
         if walls == 4:
             ends = np.array([[commands["make_wall", 0][f"{end}_{axis}"] for axis in "xyz"] for end in "ab"])
-            assert np.allclose((ends @ z_up_from_world(layout) @ UP)[:, 0], -lean / 2, atol=2e-6)
+            assert np.allclose((ends @ z_up_from_world(scene, layout) @ UP)[:, 0], -lean / 2, atol=2e-6)
 
 
 def test_scenescript_cannot_say_that_it_is_not_metric(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
-Format = Literal["glb", "ply", "cad-estate", "ifc", "usd", "scenescript"]
+Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf", "ifc", "usd", "scenescript"]
 Writer = Callable[[Path, Scene, Layout], None]
 """Writes a layout, and what of its scene the format holds, to a file or a new folder: all of it or nothing.
 
@@ -50,7 +50,10 @@ class Exporter:
 EXPORTERS: dict[Format, Exporter] = {
     "glb": Exporter("layout.glb", "gtlayout.export.glb"),
     "ply": Exporter("layout.ply", "gtlayout.export.ply"),
+    "obj": Exporter("layout.obj", "gtlayout.export.obj"),
     "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
+    "svg": Exporter("floor_plan.svg", "gtlayout.export.svg"),
+    "dxf": Exporter("floor_plan.dxf", "gtlayout.export.dxf"),
     "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
     "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),
     "scenescript": Exporter("scene_language.txt", "gtlayout.export.scenescript"),
@@ -66,6 +69,6 @@ def export_layout(path: Path, scene: Scene, layout: Layout, to: Format) -> None:
     EXPORTERS[to].load()(path, scene, layout)
 
 
-def unit(layout: Layout) -> str:
+def unit(metric: bool) -> str:
     """The unit of lengths, as every file that has units says it."""
-    return "m" if layout.metric else "scene unit (not metric)"
+    return "m" if metric else "scene unit (not metric)"

@@ -45,19 +45,19 @@ def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
     }
 
 
-def scene_facts(layout: Layout) -> dict[str, Fact]:
+def scene_facts(scene: Scene, layout: Layout) -> dict[str, Fact]:
     """What the layout knows of the room: its dimensions with σ, what it could not place, and the frame of its files."""
     measured = {}
     for d in layout.dimensions:
         known = f" ± {d.sigma:.2g}" if np.isfinite(d.sigma) else ""
         between = f"{layout.instances[d.first].name} {layout.instances[d.second].name}"
-        measured[printable(f"{d.kind} {between}")] = f"{d.length:.4g}{known} {unit(layout)}"
+        measured[printable(f"{d.kind} {between}")] = f"{d.length:.4g}{known} {unit(layout.metric)}"
     missing = ", ".join(layout.instances[i].name for i, e in enumerate(layout.extents) if e.region.is_empty)
     return {
         "metric": layout.metric,
         **measured,
         **({"not_placed": printable(missing)} if missing else {}),
-        "z_up_from_world": "; ".join(_row(row) for row in z_up_from_world(layout)),
+        "z_up_from_world": "; ".join(_row(row) for row in z_up_from_world(scene, layout)),
     }
 
 

@@ -50,7 +50,7 @@ def glb_bytes(layout: Layout) -> bytes:
         # glTF knows no empty scene in trimesh's writer.
         scene.add_geometry(trimesh.Trimesh(), geom_name="empty")
     # glTF's unit is the metre; extras are where a file may say more (glTF 2.0, 3.4 and 3.11).
-    scene.metadata = {"metric": layout.metric, "unit": unit(layout)}
+    scene.metadata = {"metric": layout.metric, "unit": unit(layout.metric)}
     return bytes(trimesh.exchange.gltf.export_glb(scene))
 
 

@@ -70,7 +70,7 @@ class _Model:
         self._file: Any = ifcopenshell.file(schema="IFC4")
         self._scene, self._layout = scene, layout
         self._scene_name = scene.root.resolve().name
-        rotation = z_up_from_world(layout)
+        rotation = z_up_from_world(scene, layout)
         self._extents = [turned(extent, rotation) for extent in layout.extents]
         self._scale = 1.0 if layout.metric else _size(self._extents) / ROOM_M
         self._header()
@@ -150,7 +150,7 @@ class _Model:
             )
             self._relate("IfcRelAggregates", f"parts {name}", RelatingObject=parent, RelatedObjects=[child])
             storey, parent = parent, child
-        self._properties(parent, "room", scene_facts(self._layout))
+        self._properties(parent, "room", scene_facts(self._scene, self._layout))
         return storey
 
     def _element(self, i: int) -> Any:

@@ -29,4 +29,4 @@ def ply_bytes(layout: Layout) -> bytes:
     content = bytes(trimesh.exchange.ply.export_ply(surface, encoding="binary"))
     # Comments stand after the line that names the format (Turk, The PLY Polygon File Format); trimesh writes none.
     magic, format_line, rest = content.split(b"\n", 2)
-    return b"\n".join([magic, format_line, f"comment unit: {unit(layout)}".encode(), rest])
+    return b"\n".join([magic, format_line, f"comment unit: {unit(layout.metric)}".encode(), rest])

@@ -39,7 +39,7 @@ class _Wall:
         return point
 
 
-def write(path: Path, _scene: Scene, layout: Layout) -> None:
+def write(path: Path, scene: Scene, layout: Layout) -> None:
     """Write one command a line: walls, then doors, then windows.
 
     Left out is what the language has no word for: floor, ceiling and slanted surfaces, walls more than ``MAX_TILT_DEG``
@@ -53,7 +53,7 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
             f"cannot write {path}: SceneScript knows metres only and the scene is not metric; import it again with "
             "--known-distance or --depth-scale"
         )
-    rotation = z_up_from_world(layout)
+    rotation = z_up_from_world(scene, layout)
     extents = [turned(extent, rotation) for extent in layout.extents]
     walls: dict[int, _Wall] = {}
     lines = []

@@ -4,19 +4,31 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
+import trimesh
 from shapely import MultiPolygon
 
+from gtlayout.export.floor_plan import up_of_walls
 from gtlayout.export.glb import y_up
 from gtlayout.extent import polygons
 from gtlayout.layout import Extent, Layout, PlaneFrame
-from gtlayout.scene import FloatArray
+from gtlayout.scene import FloatArray, Scene
 
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 """As readers of glTF turn it, so that both files lie on one another."""
 
 
-def z_up_from_world(layout: Layout) -> FloatArray:
-    """(3, 3) rotation that turns the floor's normal to +z; without a floor the ceiling's to −z."""
+def z_up_from_world(scene: Scene, layout: Layout) -> FloatArray:
+    """(3, 3) rotation that turns the floor's normal to +z; without a floor the ceiling's to −z.
+
+    Without either, what the walls have in common; none at all for a layout without walls.
+    Raises GtlayoutError when there are only walls, and they and the cameras leave open where up is.
+    """
+    seen = [i for i, plane in enumerate(layout.planes) if plane.observable]
+    labels = {layout.instances[i].label for i in seen}
+    if labels.isdisjoint(("floor", "ceiling")) and "wall" in labels:
+        up = up_of_walls(scene, layout, seen)
+        rotation: FloatArray = trimesh.geometry.align_vectors(up, [0.0, 0.0, 1.0])[:3, :3]
+        return rotation
     return _Z_UP_FROM_Y_UP @ y_up(layout)
 
 

@@ -41,8 +41,8 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
     room = UsdGeom.Xform.Define(stage, ROOM)
     Usd.ModelAPI(room).SetKind("component")
     stage.SetDefaultPrim(room.GetPrim())
-    _attach(room.GetPrim(), scene_facts(layout))
-    points = layout.mesh.vertices @ z_up_from_world(layout).T
+    _attach(room.GetPrim(), scene_facts(scene, layout))
+    points = layout.mesh.vertices @ z_up_from_world(scene, layout).T
     sigma = vertex_sigma(layout.mesh, layout.planes)
     for i, instance in enumerate(layout.instances):
         faces = layout.mesh.faces[layout.mesh.face_instance == i]
