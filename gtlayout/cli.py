@@ -55,8 +55,8 @@ def solve(
     """Reconstruct the room in a scene folder.
 
     The folder holds images/, cameras (COLMAP sparse/0 or nerfstudio transforms.json) and annotations.json. Written are
-    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json and config.json;
-    a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
+    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json, config.json and
+    timings.json; a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
 
     Parameters
     ----------
@@ -88,7 +88,8 @@ def solve(
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
         solution = solve_scene(scene, config, observer)
         refined = solution.cameras is not None and solution.cameras.refined
-        write_results(out_dir, solution.scene, solution.layout, solution.quality, config, refined)
+        results = (solution.scene, solution.layout, solution.quality, config)
+        write_results(out_dir, *results, cameras_refined=refined, timings_s=solution.timings_s)
 
     console = stdout()
     console.print(element_table(solution.layout, solution.quality))
