@@ -179,6 +179,32 @@ def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
     open_log((layout or scene_dir / RESULTS) / LOG)
 
 
+@app.command
+def report(scene_dir: SceneDir, /, *, layout: Path | None = None, out: Path | None = None) -> None:
+    """Write a page about a solved layout: verdict, elements, 3D view, annotated frames, timings, configuration.
+
+    It is one HTML file that needs no network and reads well on a phone.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    layout
+        Folder that holds layout.json; DIR/gtlayout when not given.
+    out
+        The file to write; report.html beside layout.json when not given.
+    """
+    from gtlayout.io.layout_files import REPORT_FILE
+    from gtlayout.report import write_report
+
+    folder = layout or scene_dir / RESULTS
+    page = out or folder / REPORT_FILE
+    with progress_bars() as progress:
+        progress.stage("report")
+        write_report(scene_dir, folder, page, progress.progress)
+    stdout().print(f"Report: {page}")
+
+
 app.command(
     "gtlayout.synth.command:synth",
     name="synth",
