@@ -39,12 +39,12 @@ function traces() {
   for (const surface of front) {
     const [x, y, z] = surface.vertices;
     const [i, j, k] = surface.faces;
-    const color = bySigma
-      ? { intensity: surface.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
-          colorscale: room.sigma_scale.map((rgb, step) => [step / (room.sigma_scale.length - 1), rgb]) }
-      : { color: shaded(surface) };
+    // Also a plain colour is a scale: plotly keeps the scale of a surface that gets a colour instead.
+    const scale = bySigma ? room.sigma_scale : [shaded(surface), shaded(surface)];
     drawn.push({
-      type: "mesh3d", name: surface.name, x, y, z, i, j, k, ...color, hoverinfo: "text",
+      type: "mesh3d", name: surface.name, x, y, z, i, j, k, hoverinfo: "text",
+      intensity: surface.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
+      colorscale: scale.map((color, step) => [step / (scale.length - 1), color]),
       text: surface.sigma.map((sigma) => `${plain(surface.name)}: σ ${sigma.toPrecision(2)} ${unit}`),
       lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
     });
@@ -84,7 +84,7 @@ function layout() {
     margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, uirevision: "kept",
     hoverlabel: { align: "left" },
     scene: {
-      xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "orbit",
+      xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "turntable",
       camera: { eye: { x: ex, y: ey, z: ez }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } },
     },
   };

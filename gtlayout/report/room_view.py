@@ -19,6 +19,8 @@ _OUTLINE_LIFT = 0.05
 """Of that edge."""
 _SCALE_STEPS = 16
 """Colours that the scale of σ is made of; the browser interpolates."""
+_MARGIN_SHARE = 0.01
+"""Room round everything, as a share of the longest side."""
 _EYE_DISTANCE = 1.3
 """From the room's middle, in lengths of its longest side."""
 
@@ -58,7 +60,10 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
         )
     room = layout.mesh.vertices[np.unique(layout.mesh.faces)] @ turn.T
     path = np.array([frame.camera.center_world for frame in scene.frames]) @ turn.T
-    low, high = np.vstack([room, path]).min(axis=0), np.vstack([room, path]).max(axis=0)
+    everything = np.vstack([room, path])
+    # plotly cuts off what lies outside, and a floor just at the border here and there.
+    margin = _MARGIN_SHARE * np.ptp(everything, axis=0).max()
+    low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
     return {
         "surfaces": surfaces,
         "path": _columns(path),
