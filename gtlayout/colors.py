@@ -1,4 +1,4 @@
-"""Colours that pictures of a layout have in common: one an instance, and a scale for σ."""
+"""Colours that pictures of a layout have in common: one a label, one an instance, and a scale for σ."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from gtlayout.scene import FloatArray
+from gtlayout.scene import FloatArray, Label
 
 Colors = npt.NDArray[np.uint8]
 
@@ -14,6 +14,15 @@ SIGMA_FULL_M = 0.1
 """σ of a surface's position at which the colour scale ends in a metric scene …"""
 SIGMA_FULL_SHARE = 0.05
 """… and in others, as a share of the scene's median depth."""
+LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
+    "floor": (201, 148, 86),
+    "ceiling": (150, 150, 160),
+    "wall": (86, 150, 201),
+    "slanted": (160, 110, 200),
+    "door": (214, 90, 80),
+    "window": (90, 200, 190),
+}
+"""RGB of each label, the same in meshes, plans and pictures."""
 _INSTANCE_COLORS: Colors = np.array(
     [
         (86, 150, 201), (201, 148, 86), (110, 190, 100), (190, 110, 200), (230, 200, 80), (90, 200, 190),

@@ -8,6 +8,11 @@ from typing import Any
 
 from gtlayout.colors import instance_colors, sigma_full
 from gtlayout.config import QualityConfig
+from gtlayout.errors import GtlayoutError
+from gtlayout.export import unit
+from gtlayout.export.floor_plan import floor_plan
+from gtlayout.export.plan_drawing import draw
+from gtlayout.export.svg import svg_text
 from gtlayout.extent import median_depth
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
@@ -28,12 +33,10 @@ def report_data(
     config: Mapping[str, Any],
     versions: Mapping[str, str],
     warnings: Sequence[str] = (),
-    floor_plan_svg: str | None = None,
 ) -> dict[str, Any]:
     """Everything the template needs, as dicts, lists, strings and numbers; no NaN.
 
-    ``photos`` are (H, W, 3) RGB, one a key frame, None where it cannot be read. ``floor_plan_svg`` is an SVG document;
-    the page shows it as an image, so that nothing in it can run.
+    ``photos`` are (H, W, 3) RGB, one a key frame, None where it cannot be read.
     """
     colors = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in instance_colors(range(len(layout.instances)))]
     full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
@@ -70,7 +73,7 @@ def report_data(
             key_frame_data(scene, layout, quality, number, photo, colors) for number, photo in enumerate(photos)
         ],
         "room": room_view(scene, layout, full) if len(layout.mesh.faces) else None,
-        "floor_plan": None if floor_plan_svg is None else data_uri("image/svg+xml", floor_plan_svg.encode()),
+        "floor_plan": _floor_plan(scene, layout),
         "timings": _timings(timings_s),
         "config": _flat(config),
         "versions": dict(versions),
@@ -112,6 +115,15 @@ def _dimensions(layout: Layout) -> list[dict[str, Any]]:
         }
         for one in sorted(layout.dimensions, key=lambda one: (one.kind, one.sigma))
     ]
+
+
+def _floor_plan(scene: Scene, layout: Layout) -> str | None:
+    """As an image, in which nothing can run; None when the layout has no plan."""
+    try:
+        svg = svg_text(draw(floor_plan(scene, layout)), unit(layout.metric))
+    except GtlayoutError:
+        return None
+    return data_uri("image/svg+xml", svg.encode())
 
 
 def _timings(timings_s: Mapping[str, float]) -> list[dict[str, Any]]:
