@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 import trimesh
 
-from gtlayout.blueprint import SIGMA_FULL_M, SIGMA_FULL_SHARE, blueprint
-from gtlayout.colors import LABEL_COLORS
+from gtlayout.blueprint import blueprint
+from gtlayout.colors import LABEL_COLORS, Colors, instance_colors, sigma_colors, sigma_full
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
@@ -38,30 +37,10 @@ FRUSTUM_SHARE = 0.15
 SIGMA_STEP_SHARE = 0.05
 """Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a surface."""
 
-Colors = npt.NDArray[np.uint8]
-
-_INSTANCE_COLORS: Colors = np.array(
-    [
-        (86, 150, 201), (201, 148, 86), (110, 190, 100), (190, 110, 200), (230, 200, 80), (90, 200, 190),
-        (214, 90, 80), (150, 150, 160), (120, 110, 220), (170, 120, 90), (240, 150, 190), (150, 200, 60),
-    ],
-    dtype=np.uint8,
-)  # fmt: skip
 _GREY = (130, 130, 130)
 _REFINED = (255, 230, 0)
 _NOTHING = 0
 """Class of pixels without an element; instance i has class i + 1."""
-
-
-def _instance_colors(index: npt.ArrayLike) -> Colors:
-    return _INSTANCE_COLORS[np.asarray(index, dtype=np.int64) % len(_INSTANCE_COLORS)]
-
-
-def sigma_colors(share: FloatArray) -> Colors:
-    """(N, 3) RGB of σ as a share of the scale's end: turbo from blue at 0 to red from 1 on (and where σ is unknown)."""
-    levels = np.round(255 * np.clip(np.nan_to_num(share, nan=1.0), 0.0, 1.0)).astype(np.uint8)
-    bgr = cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO).reshape(-1, 3)
-    return bgr[:, ::-1].astype(np.uint8)
 
 
 class RerunObserver(Observer):
@@ -154,13 +133,13 @@ class RerunObserver(Observer):
         """Tracked points coloured by instance, grey where they belong to none."""
         self._instances = instances
         names = [rr.AnnotationInfo(_NOTHING, "nothing", (0, 0, 0, 0))]
-        names += [rr.AnnotationInfo(i + 1, inst.name, _instance_colors(i)) for i, inst in enumerate(instances)]
+        names += [rr.AnnotationInfo(i + 1, inst.name, instance_colors(i)) for i, inst in enumerate(instances)]
         self._recording.log("key_frame", rr.AnnotationContext(names), static=True)
         for index in range(len(self._scene.frames)):
             self._recording.set_time("frame", sequence=index)
             now = self._tracks.frame == index
             owner = track_instance[self._tracks.track[now]]
-            colors = np.where(owner[:, None] >= 0, _instance_colors(owner), np.uint8(_GREY[0]))
+            colors = np.where(owner[:, None] >= 0, instance_colors(owner), np.uint8(_GREY[0]))
             points = rr.Points2D(self._tracks.points_px[now], colors=colors, radii=-2.5)
             self._recording.log("world/camera/image/points", points)
 
@@ -181,7 +160,7 @@ class RerunObserver(Observer):
         record = self._recording
         for index, instance in enumerate(self._instances):
             points = estimate.landmarks[used & ~outvoted & (estimate.landmark_instance == index)]
-            cloud = rr.Points3D(points, colors=_instance_colors(index), radii=-2.0)
+            cloud = rr.Points3D(points, colors=instance_colors(index), radii=-2.0)
             record.log(f"world/landmarks/{instance.name}", cloud, static=True)
         cloud = rr.Points3D(estimate.landmarks[outvoted], colors=_GREY, radii=-1.0)
         record.log("world/landmarks/outvoted", cloud, static=True)
@@ -196,15 +175,13 @@ class RerunObserver(Observer):
             for index, patch in enumerate(patches):
                 if patch is not None:
                     square = _on_plane(patch, iteration.planes[index])
-                    strips = rr.LineStrips3D([square], colors=_instance_colors(index), radii=-2.0)
+                    strips = rr.LineStrips3D([square], colors=instance_colors(index), radii=-2.0)
                     record.log(f"world/planes/{self._instances[index].name}", strips)
         record.reset_time()
 
     def extents(self, extents: tuple[Extent, ...]) -> None:
         """Outlines before and after refinement."""
-        for instance, extent, color in zip(
-            self._instances, extents, _instance_colors(range(len(extents))), strict=True
-        ):
+        for instance, extent, color in zip(self._instances, extents, instance_colors(range(len(extents))), strict=True):
             for kind, region, radius in (("before", extent.unrefined, -0.5), ("after", extent.region, -2.0)):
                 outline = [extent.frame.to_world(_closed(ring)) for ring in rings_of(region)]
                 strips = rr.LineStrips3D(outline, colors=color, radii=radius)
@@ -215,7 +192,7 @@ class RerunObserver(Observer):
         for index, instance in enumerate(self._instances):
             faces = mesh.faces[mesh.face_instance == index]
             if len(faces):
-                surface = _surface(mesh.vertices, faces, _instance_colors(index))
+                surface = _surface(mesh.vertices, faces, instance_colors(index))
                 self._recording.log(f"world/mesh/{instance.name}", surface, static=True)
         if len(mesh.vertices):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
@@ -245,7 +222,7 @@ class RerunObserver(Observer):
         """Each surface coloured by its own σ along its normal, and the dimensions."""
         mesh, record = layout.mesh, self._recording
         depth = median_depth(self._scene, layout.instances, layout.planes)
-        full = SIGMA_FULL_M if layout.metric else SIGMA_FULL_SHARE * depth
+        full = sigma_full(layout.metric, depth)
         for index, (instance, plane) in enumerate(zip(layout.instances, layout.planes, strict=True)):
             faces = mesh.faces[mesh.face_instance == index]
             if len(faces):

@@ -12,11 +12,11 @@ import pytest
 from rerun.chunk import Chunk, RrdReader
 
 import gtlayout.visualize
+from gtlayout.colors import sigma_colors
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
-from gtlayout.rerun_log import sigma_colors
 from gtlayout.visualize import Observer, open_log, require_viewer, rerun_observer
 
 Log = dict[str, list[Chunk]]
