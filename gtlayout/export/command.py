@@ -7,11 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from gtlayout.api import load_solved
 from gtlayout.cli import RESULTS, stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
-from gtlayout.io import load_scene
-from gtlayout.io.layout_files import read_layout
-from gtlayout.io.refined_cameras import with_refined_cameras
 
 
 def export(
@@ -36,8 +34,7 @@ def export(
     layout
         Folder that holds layout.json; DIR/gtlayout when not given.
     """
-    folder = layout or scene_dir / RESULTS
-    scene = with_refined_cameras(load_scene(scene_dir), folder)
-    path = out or folder / EXPORTERS[to].file_name
-    export_layout(path, scene, read_layout(folder, scene), to)
+    scene, solved = load_solved(scene_dir, layout)
+    path = out or (layout or scene_dir / RESULTS) / EXPORTERS[to].file_name
+    export_layout(path, scene, solved, to)
     stdout().print(f"Export: {path}")
