@@ -9,9 +9,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import IO
 from urllib.parse import quote
 
 from gtlayout.errors import GtlayoutError
@@ -71,7 +73,7 @@ def serve_log(log: Path, port: int, announce: Callable[[str], None]) -> None:
     # Killed rather than interrupted, the server would be left behind and keep its ports.
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with TemporaryFile("w+") as said, subprocess.Popen(command, stdout=said, stderr=said) as server:
+        with TemporaryFile("w+") as said, _group(command, said) as server:
             try:
                 _await(server, port)
                 if server.poll() is None:
@@ -79,7 +81,9 @@ def serve_log(log: Path, port: int, announce: Callable[[str], None]) -> None:
                     announce(f"http://{_LOOPBACK}:{port}/?url={source}")
                 status = server.wait()
             finally:
-                server.terminate()
+                # The command is a Python script that waits for the real server: both have to go.
+                with suppress(ProcessLookupError):
+                    os.killpg(server.pid, signal.SIGTERM)
             said.seek(0)
             raise _ended(status, said.read())
     except KeyboardInterrupt:
@@ -109,6 +113,10 @@ def _require_free(port: int) -> None:
     except OSError as error:
         msg = f"port {port} cannot be served on ({os.strerror(error.errno or 0)}): choose another with --port"
         raise GtlayoutError(msg) from None
+
+
+def _group(command: Sequence[str], said: IO[str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True)
 
 
 def _await(server: subprocess.Popen[bytes], port: int) -> None:

@@ -1,9 +1,7 @@
-"""What is logged to rerun, read back from the file, and what happens where no viewer can start."""
+"""What is logged to rerun, read back from the file, and how a browser draws it."""
 
 from __future__ import annotations
 
-import socket
-import sys
 from collections import defaultdict
 from pathlib import Path
 
@@ -11,13 +9,11 @@ import numpy as np
 import pytest
 from rerun.chunk import Chunk, RrdReader
 
-import gtlayout.visualize
 from gtlayout.config import Config
-from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
-from gtlayout.rerun_log import sigma_colors
-from gtlayout.visualize import Observer, open_log, require_viewer, rerun_observer
+from gtlayout.rerun_surfaces import sigma_colors
+from gtlayout.visualize import Observer, rerun_observer
 
 Log = dict[str, list[Chunk]]
 
@@ -127,45 +123,3 @@ def test_failed_run_leaves_no_log(room: Path, tmp_path: Path) -> None:
         observer.scene(load_scene(room))
         raise ZeroDivisionError
     assert list(tmp_path.iterdir()) == []
-
-
-def test_no_viewer_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
-    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(variable, raising=False)
-    log = tmp_path / "log.rrd"
-    with pytest.raises(GtlayoutError, match="does not exist: make it with"):
-        open_log(log)
-    log.touch()
-    with pytest.raises(GtlayoutError, match="no display"):
-        open_log(log)
-    with pytest.raises(GtlayoutError, match="no display"), rerun_observer("spawn", log, Observer()):
-        pass
-
-
-def test_connect_needs_a_listening_viewer() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        require_viewer(port)
-    with pytest.raises(GtlayoutError, match="no rerun viewer listens"):
-        require_viewer(port)
-
-
-@pytest.mark.parametrize(
-    ("program", "says"),
-    [("", None), ("print('loading'); print('no screen', file=sys.stderr); sys.exit(3)", "no screen")],
-)
-def test_view_hands_the_log_to_the_viewer(
-    program: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Python stands in for the viewer: the log it is handed is a program that notes its arguments."""
-    log, got = tmp_path / "a log.rrd", tmp_path / "got"
-    log.write_text(f"import pathlib, sys\npathlib.Path({str(got)!r}).write_text(repr(sys.argv))\n{program}\n")
-    monkeypatch.setattr(gtlayout.visualize, "_viewer", lambda: sys.executable)
-    monkeypatch.setenv("DISPLAY", ":0")
-    if says is None:
-        open_log(log)
-    else:
-        with pytest.raises(GtlayoutError, match=f"status 3: {says}"):
-            open_log(log)
-    assert got.read_text() == repr([str(log)])
