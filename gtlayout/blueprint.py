@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 import rerun.blueprint as rrb
 
+from gtlayout.colors import SIGMA_FULL_M, SIGMA_FULL_SHARE
 from gtlayout.scene import FloatArray, Scene
 
-SIGMA_FULL_M = 0.1
-"""σ of a surface's position at which the colour scale ends in a metric scene …"""
-SIGMA_FULL_SHARE = 0.05
-"""… and in others, as a share of the scene's median depth."""
 _ROOM = 5
 """Number of the tab that a log opens with."""
 

@@ -56,8 +56,8 @@ def solve(
     """Reconstruct the room in a scene folder.
 
     The folder holds images/, cameras (COLMAP sparse/0 or nerfstudio transforms.json) and annotations.json. Written are
-    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json and config.json;
-    a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
+    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json, config.json and
+    timings.json; a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
 
     Parameters
     ----------
@@ -89,7 +89,8 @@ def solve(
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
         solution = solve_scene(scene, config, observer)
         refined = solution.cameras is not None and solution.cameras.refined
-        write_results(out_dir, solution.scene, solution.layout, solution.quality, config, refined)
+        results = (solution.scene, solution.layout, solution.quality, config)
+        write_results(out_dir, *results, cameras_refined=refined, timings_s=solution.timings_s)
 
     console = stdout()
     console.print(element_table(solution.layout, solution.quality))
@@ -192,6 +193,32 @@ def view(
         serve_log(log, port, lambda address: stdout().print(f"{address}\nCtrl-C stops"))
     else:
         open_log(log)
+
+
+@app.command
+def report(scene_dir: SceneDir, /, *, layout: Path | None = None, out: Path | None = None) -> None:
+    """Write a page about a solved layout: verdict, elements, 3D view, annotated frames, timings, configuration.
+
+    It is one HTML file that needs no network and reads well on a phone.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    layout
+        Folder that holds layout.json; DIR/gtlayout when not given.
+    out
+        The file to write; report.html beside layout.json when not given.
+    """
+    from gtlayout.io.layout_files import REPORT_FILE
+    from gtlayout.report import write_report
+
+    folder = layout or scene_dir / RESULTS
+    page = out or folder / REPORT_FILE
+    with progress_bars() as progress:
+        progress.stage("report")
+        write_report(scene_dir, folder, page, progress.progress)
+    stdout().print(f"Report: {page}")
 
 
 app.command(

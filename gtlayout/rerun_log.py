@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
 from gtlayout.blueprint import blueprint
+from gtlayout.colors import instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
@@ -23,7 +23,7 @@ from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of
 from gtlayout.render import render
 from gtlayout.report_table import markdown
-from gtlayout.rerun_surfaces import Colors, log_uncertainty, surface_of
+from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.support import OUTVOTED
 from gtlayout.tracking import Tracks
@@ -37,21 +37,10 @@ TAIL_FRAMES = 5
 FRUSTUM_SHARE = 0.15
 """How far from the camera its image is drawn in 3D, as a share of the camera path's size."""
 
-_INSTANCE_COLORS: Colors = np.array(
-    [
-        (86, 150, 201), (201, 148, 86), (110, 190, 100), (190, 110, 200), (230, 200, 80), (90, 200, 190),
-        (214, 90, 80), (150, 150, 160), (120, 110, 220), (170, 120, 90), (240, 150, 190), (150, 200, 60),
-    ],
-    dtype=np.uint8,
-)  # fmt: skip
 _GREY = (130, 130, 130)
 _REFINED = (255, 230, 0)
 _NOTHING = 0
 """Class of pixels without an element; instance i has class i + 1."""
-
-
-def _instance_colors(index: npt.ArrayLike) -> Colors:
-    return _INSTANCE_COLORS[np.asarray(index, dtype=np.int64) % len(_INSTANCE_COLORS)]
 
 
 class RerunObserver(Observer):
@@ -147,13 +136,13 @@ class RerunObserver(Observer):
         """Tracked points coloured by instance, grey where they belong to none."""
         self._instances = instances
         names = [rr.AnnotationInfo(_NOTHING, "nothing", (0, 0, 0, 0))]
-        names += [rr.AnnotationInfo(i + 1, inst.name, _instance_colors(i)) for i, inst in enumerate(instances)]
+        names += [rr.AnnotationInfo(i + 1, inst.name, instance_colors(i)) for i, inst in enumerate(instances)]
         self._recording.log("key_frame", rr.AnnotationContext(names), static=True)
         for index in range(len(self._scene.frames)):
             self._recording.set_time("frame", sequence=index)
             now = self._tracks.frame == index
             owner = track_instance[self._tracks.track[now]]
-            colors = np.where(owner[:, None] >= 0, _instance_colors(owner), np.uint8(_GREY[0]))
+            colors = np.where(owner[:, None] >= 0, instance_colors(owner), np.uint8(_GREY[0]))
             points = rr.Points2D(self._tracks.points_px[now], colors=colors, radii=-2.5)
             self._recording.log("world/camera/image/points", points)
 
@@ -174,7 +163,7 @@ class RerunObserver(Observer):
         record = self._recording
         for index, instance in enumerate(self._instances):
             points = estimate.landmarks[used & ~outvoted & (estimate.landmark_instance == index)]
-            cloud = rr.Points3D(points, colors=_instance_colors(index), radii=-2.0)
+            cloud = rr.Points3D(points, colors=instance_colors(index), radii=-2.0)
             record.log(f"world/landmarks/{instance.name}", cloud, static=True)
         cloud = rr.Points3D(estimate.landmarks[outvoted], colors=_GREY, radii=-1.0)
         record.log("world/landmarks/outvoted", cloud, static=True)
@@ -201,14 +190,12 @@ class RerunObserver(Observer):
         for index, (instance, patch) in enumerate(zip(self._instances, patches, strict=True)):
             if patch is not None:
                 square = _on_plane(patch, planes[index])
-                strips = rr.LineStrips3D([square], colors=_instance_colors(index), radii=-2.0)
+                strips = rr.LineStrips3D([square], colors=instance_colors(index), radii=-2.0)
                 self._recording.log(f"world/planes/{instance.name}", strips)
 
     def extents(self, extents: tuple[Extent, ...]) -> None:
         """Outlines before and after refinement."""
-        for instance, extent, color in zip(
-            self._instances, extents, _instance_colors(range(len(extents))), strict=True
-        ):
+        for instance, extent, color in zip(self._instances, extents, instance_colors(range(len(extents))), strict=True):
             for kind, region, radius in (("before", extent.unrefined, -0.5), ("after", extent.region, -2.0)):
                 outline = [extent.frame.to_world(_closed(ring)) for ring in rings_of(region)]
                 strips = rr.LineStrips3D(outline, colors=color, radii=radius)
@@ -219,7 +206,7 @@ class RerunObserver(Observer):
         for index, instance in enumerate(self._instances):
             faces = mesh.faces[mesh.face_instance == index]
             if len(faces):
-                shown = surface_of(mesh.vertices, faces, _instance_colors(index))
+                shown = surface_of(mesh.vertices, faces, instance_colors(index))
                 self._recording.log(f"world/mesh/{instance.name}", shown, static=True)
         if len(mesh.vertices):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
@@ -248,7 +235,7 @@ class RerunObserver(Observer):
         record = self._recording
         styles = {"iou": ((60, 60, 60), "mean")}
         for index, instance in enumerate(layout.instances):
-            r, g, b = _instance_colors(index).tolist()
+            r, g, b = instance_colors(index).tolist()
             styles[f"elements/{instance.name}"] = ((r, g, b), instance.name)
         for name, (color, legend) in styles.items():
             line = rr.SeriesLines(colors=color, names=legend)

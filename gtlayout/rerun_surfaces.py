@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 import trimesh
 
-from gtlayout.blueprint import SIGMA_FULL_M, SIGMA_FULL_SHARE
+from gtlayout.colors import Colors, sigma_colors, sigma_full
 from gtlayout.extent import median_depth
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, IntArray, Scene
@@ -21,15 +19,6 @@ LABEL_AT = 0.2
 """Where along its line a dimension is written."""
 _DIMENSION = (200, 30, 120)
 """Readable on light and dark."""
-
-Colors = npt.NDArray[np.uint8]
-
-
-def sigma_colors(share: FloatArray) -> Colors:
-    """(N, 3) RGB of σ as a share of the scale's end: turbo from blue at 0 to red from 1 on (and where σ is unknown)."""
-    levels = np.round(255 * np.clip(np.nan_to_num(share, nan=1.0), 0.0, 1.0)).astype(np.uint8)
-    bgr = cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO).reshape(-1, 3)
-    return bgr[:, ::-1].astype(np.uint8)
 
 
 def surface_of(vertices: FloatArray, faces: IntArray, colors: Colors, opacity: int = 255) -> rr.Mesh3D:
@@ -51,8 +40,7 @@ def log_uncertainty(recording: rr.RecordingStream, scene: Scene, layout: Layout)
     dimensions.
     """
     mesh = layout.mesh
-    depth = median_depth(scene, layout.instances, layout.planes)
-    full = SIGMA_FULL_M if layout.metric else SIGMA_FULL_SHARE * depth
+    full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
     for index, (instance, plane) in enumerate(zip(layout.instances, layout.planes, strict=True)):
         faces = mesh.faces[mesh.face_instance == index]
         if not len(faces):

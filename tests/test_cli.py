@@ -21,6 +21,7 @@ from gtlayout.io import load_scene
 from gtlayout.io.layout_files import read_layout
 
 RESULTS = {"layout.json", "layout.glb", "layout.ply", "quality.json", "config.json"}
+TIMINGS = "timings.json"
 
 Edit = Callable[[Path, Callable[[Any], object]], None]
 
@@ -49,7 +50,8 @@ def scene(room: Path, tmp_path: Path) -> Path:
 
 def test_solve_writes_its_files(room: Path, solved: tuple[Path, str]) -> None:
     out, _ = solved
-    assert {file.name for file in out.iterdir()} == RESULTS
+    assert {file.name for file in out.iterdir()} == RESULTS | {TIMINGS}
+    assert json.loads((out / TIMINGS).read_text())["seconds"].keys() >= {"tracking", "estimation"}
     assert not (room / "gtlayout").exists()
     layout = json.loads((out / "layout.json").read_text())
     assert layout["metric"] is True

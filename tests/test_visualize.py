@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from rerun.chunk import Chunk, RrdReader
 
+from gtlayout.colors import sigma_colors
 from gtlayout.config import Config
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
-from gtlayout.rerun_surfaces import sigma_colors
 from gtlayout.visualize import Observer, rerun_observer
 
 Log = dict[str, list[Chunk]]

@@ -1,8 +1,9 @@
-"""The results of a solve as files: layout.json, layout.ply, layout.glb, quality.json, config.json, cameras.json."""
+"""The results of a solve as files: layout.json, .ply, .glb, quality.json, config.json, cameras.json, timings.json."""
 
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -24,6 +25,7 @@ from gtlayout.quality import Quality
 from gtlayout.scene import LABELS, FloatArray, Label, Scene
 
 FORMAT = "gtlayout-layout/2"
+LOG_FILE, REPORT_FILE, TIMINGS_FILE = "log.rrd", "report.html", "timings.json"
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
 LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
     "floor": (201, 148, 86),
@@ -37,20 +39,31 @@ LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
 
 
 def write_results(
-    out_dir: Path, scene: Scene, layout: Layout, quality: Quality, config: Config, cameras_refined: bool = False
+    out_dir: Path,
+    scene: Scene,
+    layout: Layout,
+    quality: Quality,
+    config: Config,
+    cameras_refined: bool = False,
+    timings_s: Mapping[str, float] | None = None,
 ) -> None:
-    """Write all result files: every one complete before the first takes its place. A log of an earlier solve goes.
+    """Write all result files: every one complete before the first takes its place. What came of an earlier solve goes.
 
-    ``cameras_refined``: the scene's cameras are not those it was read with, and are written, too.
+    ``cameras_refined``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
+    seconds of each stage; in a file of their own, because all others are the same bytes for the same input.
 
     Raises:
         GtlayoutError: the folder or disk does not take them.
     """
     versions = {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
-    cameras: dict[Path, bytes | str] = {out_dir / CAMERAS_FILE: refined_cameras_text(scene)} if cameras_refined else {}
+    optional: dict[Path, bytes | str] = {}
+    if cameras_refined:
+        optional[out_dir / CAMERAS_FILE] = refined_cameras_text(scene)
+    if timings_s is not None:
+        optional[out_dir / TIMINGS_FILE] = json_text({"seconds": dict(timings_s)})
     write_all_atomic(
         {
-            **cameras,
+            **optional,
             out_dir / "layout.ply": _ply(layout),
             out_dir / "layout.glb": _glb(layout),
             out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
@@ -59,9 +72,9 @@ def write_results(
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
         }
     )
-    (out_dir / "log.rrd").unlink(missing_ok=True)
-    if not cameras_refined:
-        (out_dir / CAMERAS_FILE).unlink(missing_ok=True)
+    for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE):
+        if out_dir / stale not in optional:
+            (out_dir / stale).unlink(missing_ok=True)
 
 
 def read_layout(out_dir: Path, scene: Scene) -> Layout:

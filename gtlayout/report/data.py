@@ -1,0 +1,133 @@
+"""What the page says: plain data out of a scene, its layout and its quality."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from gtlayout.colors import instance_colors, sigma_full
+from gtlayout.config import QualityConfig
+from gtlayout.extent import median_depth
+from gtlayout.layout import Layout
+from gtlayout.quality import Quality
+from gtlayout.report.frames import key_frame_data
+from gtlayout.report.plain import data_uri, finite
+from gtlayout.report.room_view import room_view
+from gtlayout.report_table import reasons, verdict
+from gtlayout.scene import ImageArray, Scene
+
+
+def report_data(
+    scene: Scene,
+    layout: Layout,
+    quality: Quality,
+    photos: Sequence[ImageArray | None],
+    *,
+    timings_s: Mapping[str, float],
+    config: Mapping[str, Any],
+    versions: Mapping[str, str],
+    warnings: Sequence[str] = (),
+    floor_plan_svg: str | None = None,
+) -> dict[str, Any]:
+    """Everything the template needs, as dicts, lists, strings and numbers; no NaN.
+
+    ``photos`` are (H, W, 3) RGB, one a key frame, None where it cannot be read. ``floor_plan_svg`` is an SVG document;
+    the page shows it as an image, so that nothing in it can run.
+    """
+    colors = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in instance_colors(range(len(layout.instances)))]
+    full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
+    worst = quality.elements[quality.worst_element]
+    return {
+        "title": scene.root.resolve().name,
+        "unit": "m" if layout.metric else "u",
+        "metric": layout.metric,
+        "accepted": quality.accepted,
+        "predicted": quality.predicted,
+        "iou": quality.iou,
+        "accept_iou": QualityConfig().accept_iou,
+        "openings_iou": quality.openings_iou,
+        "sigma_depth_share": quality.sigma_depth_share,
+        "counts": {
+            "frames": len(scene.frames),
+            "key_frames": len(scene.key_frames),
+            "elements": len(layout.instances),
+            "not_ok": sum(judged.verdict != "ok" for judged in quality.instances),
+        },
+        "worst_frame": {"number": quality.worst_frame, "iou": finite(quality.frames[quality.worst_frame])},
+        "worst_element": {
+            "number": worst.key_frame,
+            "element": layout.instances[worst.instance].name,
+            "id": scene.key_frames[worst.key_frame].elements[worst.element].id,
+            "iou": worst.iou,
+        },
+        "sentence": verdict(scene, layout, quality),
+        "reasons": reasons(layout, quality),
+        "warnings": list(warnings),
+        "elements": _elements(layout, quality, colors),
+        "dimensions": _dimensions(layout),
+        "frames": [
+            key_frame_data(scene, layout, quality, number, photo, colors) for number, photo in enumerate(photos)
+        ],
+        "room": room_view(scene, layout, full) if len(layout.mesh.faces) else None,
+        "floor_plan": None if floor_plan_svg is None else data_uri("image/svg+xml", floor_plan_svg.encode()),
+        "timings": _timings(timings_s),
+        "config": _flat(config),
+        "versions": dict(versions),
+    }
+
+
+def _elements(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[dict[str, Any]]:
+    """One row an element; None where nothing is known."""
+    parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, colors, strict=True)
+    return [
+        {
+            "name": instance.name,
+            "label": instance.label,
+            "color": color,
+            "host": None if instance.host is None else layout.instances[instance.host].name,
+            "area": extent.region.area,
+            "frames": len(instance.members),
+            "tracks": plane.support.tracks,
+            "sigma_normal_deg": finite(judged.sigma_normal_deg),
+            "sigma_depth": finite(judged.sigma_depth),
+            "sigma_depth_share": finite(judged.sigma_depth / judged.depth),
+            "iou": judged.iou,
+            "verdict": judged.verdict,
+            "reason": judged.reason,
+            "causes": list(judged.causes),
+        }
+        for instance, plane, extent, judged, color in parts
+    ]
+
+
+def _dimensions(layout: Layout) -> list[dict[str, Any]]:
+    """Heights and widths, the most certain first."""
+    return [
+        {
+            "kind": one.kind,
+            "between": [layout.instances[one.first].name, layout.instances[one.second].name],
+            "length": one.length,
+            "sigma": finite(one.sigma),
+        }
+        for one in sorted(layout.dimensions, key=lambda one: (one.kind, one.sigma))
+    ]
+
+
+def _timings(timings_s: Mapping[str, float]) -> list[dict[str, Any]]:
+    total = sum(timings_s.values())
+    return [
+        {"stage": stage, "seconds": seconds, "share": seconds / total if total > 0 else 0.0}
+        for stage, seconds in timings_s.items()
+    ]
+
+
+def _flat(config: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """A nested configuration as (dotted name, value as JSON)."""
+    rows: list[tuple[str, str]] = []
+    for name, value in config.items():
+        if isinstance(value, Mapping):
+            rows += _flat(value, f"{prefix}{name}.")
+        else:
+            rows.append((f"{prefix}{name}", json.dumps(value, ensure_ascii=False)))
+    return rows

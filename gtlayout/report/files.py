@@ -1,0 +1,87 @@
+"""From a scene folder and its results to the page: all reading and writing of the report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gtlayout.config import QualityConfig
+from gtlayout.errors import GtlayoutError
+from gtlayout.io import load_scene
+from gtlayout.io.files import read_json, write_atomic
+from gtlayout.io.images import read_rgb
+from gtlayout.io.layout_files import TIMINGS_FILE, read_layout
+from gtlayout.io.refined_cameras import with_refined_cameras
+from gtlayout.quality import assess
+from gtlayout.report.data import report_data
+from gtlayout.report.page import page
+from gtlayout.scene import ImageArray, Scene
+
+
+@dataclass(frozen=True)
+class Records:
+    """What a solve noted beside its layout; empty where a file is absent."""
+
+    timings_s: dict[str, float] = field(default_factory=dict)
+    """Seconds of each stage."""
+    config: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    """What was skipped, repaired, joined or split."""
+
+
+def write_report(scene_dir: Path, folder: Path, out: Path, progress: Callable[[int, int], None]) -> None:
+    """Write the page of the layout in ``folder`` to ``out``.
+
+    Raises:
+        GtlayoutError: the scene or its results cannot be read, or the disk does not take the page. A key frame's image
+            that cannot be read only leaves its place in the page empty.
+    """
+    scene = with_refined_cameras(load_scene(scene_dir), folder)
+    layout = read_layout(folder, scene)
+    records = read_records(folder)
+    quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())
+    photos = []
+    for number in range(len(scene.key_frames)):
+        photos.append(_photo(scene, number))
+        progress(number + 1, len(scene.key_frames))
+    data = report_data(
+        scene,
+        layout,
+        quality,
+        photos,
+        timings_s=records.timings_s,
+        config=records.config,
+        versions=records.versions,
+        warnings=records.warnings or scene.warnings,
+    )
+    write_atomic(out, page(data))
+
+
+def read_records(folder: Path) -> Records:
+    """Read timings.json, config.json and quality.json. Raises GtlayoutError when one is there but damaged."""
+    timings, config, quality = (_optional(folder / name) for name in (TIMINGS_FILE, "config.json", "quality.json"))
+    try:
+        return Records(
+            {str(stage): float(seconds) for stage, seconds in timings.get("seconds", {}).items()},
+            dict(config.get("config", {})),
+            {str(package): str(version) for package, version in config.get("versions", {}).items()},
+            tuple(str(warning) for warning in quality.get("warnings", ())),
+        )
+    except (AttributeError, TypeError, ValueError) as error:
+        raise GtlayoutError(
+            f"{folder}: {TIMINGS_FILE}, config.json or quality.json is damaged: {error}; solve the scene again"
+        ) from error
+
+
+def _optional(path: Path) -> dict[str, Any]:
+    return read_json(path) if path.exists() else {}
+
+
+def _photo(scene: Scene, number: int) -> ImageArray | None:
+    try:
+        return read_rgb(scene.frame_of(number))
+    except GtlayoutError:
+        return None

@@ -1,0 +1,132 @@
+"""Annotated frames: the photo, the annotation over it as vectors, the rendering and its differences as clear images.
+
+All layers of a frame are images of one size that the page lays over one another and switches on and off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from shapely import MultiPolygon
+
+from gtlayout.colors import instance_colors
+from gtlayout.layout import Layout
+from gtlayout.quality import Quality
+from gtlayout.raster import LabelImage, annotated_labels, rings_of
+from gtlayout.render import render
+from gtlayout.report.plain import data_uri, finite
+from gtlayout.scene import OPENINGS, ImageArray, Scene
+
+MAX_WIDTH_PX = 960
+FULL_SIZE_FRAMES = 40
+"""More key frames than these are shown smaller, so that the page does not grow with their number."""
+JPEG_QUALITY = 80
+_FILL_ALPHA, _DIFFERENCE_ALPHA = 110, 220
+_DIFFERENCE = (255, 0, 200)
+"""A colour that no instance has."""
+
+
+def key_frame_data(
+    scene: Scene, layout: Layout, quality: Quality, number: int, photo: ImageArray | None, colors: Sequence[str]
+) -> dict[str, Any]:
+    """The layers of key frame ``number`` and its IoUs; ``photo`` (H, W, 3) RGB or None, ``colors`` one an instance."""
+    key_frame, camera = scene.key_frames[number], scene.frame_of(number).camera
+    instance_of = {e: i for i, instance in enumerate(layout.instances) for k, e in instance.members if k == number}
+    rendered, _ = render(layout.planes, layout.extents, layout.instances, camera)
+    annotated = annotated_labels(scene, layout.instances, number)
+    width = shown_width(camera.width, len(scene.key_frames))
+    size = (width, max(1, round(camera.height * width / camera.width)))
+    drawn = [
+        {
+            "name": layout.instances[instance_of[e]].name,
+            "id": element.id,
+            "color": colors[instance_of[e]],
+            "opening": element.label in OPENINGS,
+            "path": _path(element.amodal),
+            "at": _label_point(element.amodal),
+        }
+        for e, element in enumerate(key_frame.elements)
+        if not element.amodal.is_empty
+    ]
+    return {
+        "name": scene.frame_of(number).name,
+        "number": number,
+        "iou": finite(quality.frames[number]),
+        "width": camera.width,
+        "height": camera.height,
+        "photo": None if photo is None else _jpeg(photo, size),
+        "rendering": _png(_painted(_shrunk(rendered, size))),
+        "differences": _png(_differing(_shrunk(rendered, size), _shrunk(annotated, size))),
+        # Doors and windows last: on top of their walls.
+        "drawn": sorted(drawn, key=lambda one: bool(one["opening"])),
+        "occlusion_edges": [_points(edge) for edge in key_frame.occlusion_edges],
+        "elements": [
+            {"instance": one.instance, "id": key_frame.elements[one.element].id, "iou": one.iou}
+            for one in quality.elements
+            if one.key_frame == number
+        ],
+    }
+
+
+def shown_width(width_px: int, key_frames: int) -> int:
+    """Width of an image in the page: at most 960 px, less where there are many."""
+    most = MAX_WIDTH_PX * min(1.0, math.sqrt(FULL_SIZE_FRAMES / max(key_frames, 1)))
+    return max(1, min(width_px, round(most)))
+
+
+def _shrunk(labels: LabelImage, size: tuple[int, int]) -> LabelImage:
+    return cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST).astype(np.int32, copy=False)
+
+
+def _painted(labels: LabelImage) -> npt.NDArray[np.uint8]:
+    """(H, W, 4) RGBA: instances in their colours, white where two of them meet."""
+    image = np.zeros((*labels.shape, 4), dtype=np.uint8)
+    image[labels >= 0] = (0, 0, 0, _FILL_ALPHA)
+    image[..., :3][labels >= 0] = instance_colors(labels[labels >= 0])
+    border = np.zeros(labels.shape, dtype=bool)
+    border[:, 1:] |= labels[:, 1:] != labels[:, :-1]
+    border[1:] |= labels[1:] != labels[:-1]
+    image[border] = 255
+    return image
+
+
+def _differing(rendered: LabelImage, annotated: LabelImage) -> npt.NDArray[np.uint8]:
+    image = np.zeros((*rendered.shape, 4), dtype=np.uint8)
+    image[rendered != annotated] = (*_DIFFERENCE, _DIFFERENCE_ALPHA)
+    return image
+
+
+def _path(region: MultiPolygon) -> str:
+    """An SVG path (even-odd) of all rings, px of the full image."""
+    return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in ring) + "Z" for ring in rings_of(region))
+
+
+def _points(polyline: npt.NDArray[np.float64]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in polyline)
+
+
+def _label_point(region: MultiPolygon) -> tuple[float, float]:
+    """Where the name is written: inside the largest polygon."""
+    point = max(region.geoms, key=lambda polygon: polygon.area).representative_point()
+    return round(point.x, 1), round(point.y, 1)
+
+
+def _jpeg(rgb: ImageArray, size: tuple[int, int]) -> str:
+    smaller = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    return _encoded(".jpg", cv2.cvtColor(smaller, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+
+
+def _png(rgba: npt.NDArray[np.uint8]) -> str:
+    return _encoded(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+def _encoded(suffix: str, image: npt.NDArray[Any], options: Sequence[int]) -> str:
+    ok, data = cv2.imencode(suffix, image, options)
+    assert ok, "OpenCV always encodes uint8 images"
+    media_type = {".jpg": "image/jpeg", ".png": "image/png"}[suffix]
+    return data_uri(media_type, data.tobytes())

@@ -1,0 +1,119 @@
+// The room in 3D. Lengths are in world units, z is up; plotly's own unit is the room's longest side.
+const room = JSON.parse(document.getElementById("room-data").textContent);
+const view = document.getElementById("room-view");
+const middle = room.low.map((low, axis) => (low + room.high[axis]) / 2);
+const sides = room.low.map((low, axis) => Math.max(room.high[axis] - low, 1e-9));
+const longest = Math.max(...sides);
+const unit = room.metric ? "m" : "u";
+let mode = "element";
+let eye = room.eye;
+
+const checked = (id) => document.getElementById(id).checked;
+// plotly reads some HTML in texts: names from files are none.
+const plain = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
+const withSigma = (length, sigma) => `${length.toFixed(2)}${sigma === null ? "" : ` ± ${sigma.toFixed(2)}`} ${unit}`;
+
+// Normals point at the cameras: from behind a surface one looks through it into the room.
+function seenFromInside(surface) {
+  const [x, y, z] = eye.map((value, axis) => middle[axis] + value * longest);
+  const [nx, ny, nz] = surface.normal;
+  return nx * x + ny * y + nz * z + surface.d > 0;
+}
+
+// Shaded here, by the plane's normal: plotly's lighting takes it from triangles, and thin ones have none.
+const LIGHT = [0.27, 0.53, 0.8];
+function shaded(surface) {
+  const share = 0.72 + 0.28 * Math.abs(surface.normal.reduce((sum, value, axis) => sum + value * LIGHT[axis], 0));
+  return `rgb(${surface.color.map((channel) => Math.round(channel * share)).join()})`;
+}
+
+function brokenLines(surfaces) {
+  return [0, 1, 2].map((axis) => surfaces.flatMap((surface) => surface.outline[axis]));
+}
+
+function traces() {
+  const bySigma = mode === "sigma";
+  const front = room.surfaces.filter((surface) => !checked("cut-away") || seenFromInside(surface));
+  const behind = room.surfaces.filter((surface) => !front.includes(surface));
+  const drawn = [];
+  for (const surface of front) {
+    const [x, y, z] = surface.vertices;
+    const [i, j, k] = surface.faces;
+    const color = bySigma
+      ? { intensity: surface.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
+          colorscale: room.sigma_scale.map((rgb, step) => [step / (room.sigma_scale.length - 1), rgb]) }
+      : { color: shaded(surface) };
+    drawn.push({
+      type: "mesh3d", name: surface.name, x, y, z, i, j, k, ...color, hoverinfo: "text",
+      text: surface.sigma.map((sigma) => `${plain(surface.name)}: σ ${sigma.toPrecision(2)} ${unit}`),
+      lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
+    });
+  }
+  const outlines = [[front, "rgba(30,35,45,.9)", 3], [behind, "rgba(128,136,150,.6)", 2]];
+  for (const [surfaces, color, width] of outlines.filter(([surfaces]) => surfaces.length > 0)) {
+    const [x, y, z] = brokenLines(surfaces);
+    drawn.push({ type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip", line: { color, width } });
+  }
+  const ink = getComputedStyle(document.body).color;
+  if (checked("show-path")) {
+    const [x, y, z] = room.path;
+    drawn.push({
+      type: "scatter3d", mode: "lines", x, y, z, line: { color: "#e11d8f", width: 5 }, hoverinfo: "text", text: "camera path",
+    });
+  }
+  for (const { ends: [x, y, z], length, sigma } of checked("show-dimensions") ? room.dimensions : []) {
+    const between = (ends) => [ends[0], (ends[0] + ends[1]) / 2, ends[1]];
+    drawn.push({
+      type: "scatter3d", mode: "lines+text+markers", x: between(x), y: between(y), z: between(z), hoverinfo: "skip",
+      text: ["", withSigma(length, sigma), ""], textfont: { color: ink, size: 13 },
+      line: { color: ink, width: 3 }, marker: { color: ink, size: [4, 0.1, 4] },
+    });
+  }
+  return drawn;
+}
+
+function layout() {
+  const axis = (index) => ({
+    visible: false, range: [room.low[index], room.high[index]], autorange: false, showspikes: false,
+  });
+  const [x, y, z] = sides.map((side) => side / longest);
+  // plotly's field of view is that of the height: narrow views need more distance.
+  const distance = Math.max(1, (1.25 * view.clientHeight) / view.clientWidth);
+  const [ex, ey, ez] = room.eye.map((value) => value * distance);
+  return {
+    margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, uirevision: "kept",
+    hoverlabel: { align: "left" },
+    scene: {
+      xaxis: axis(0), yaxis: axis(1), zaxis: axis(2), aspectmode: "manual", aspectratio: { x, y, z }, dragmode: "orbit",
+      camera: { eye: { x: ex, y: ey, z: ez }, center: { x: 0, y: 0, z: 0 }, up: { x: 0, y: 0, z: 1 } },
+    },
+  };
+}
+
+const draw = () => Plotly.react(view, traces(), layout(), { displaylogo: false, responsive: true, displayModeBar: false });
+
+for (const button of document.querySelectorAll("button[data-mode]")) {
+  button.addEventListener("click", () => {
+    mode = button.dataset.mode;
+    for (const other of document.querySelectorAll("button[data-mode]")) {
+      other.setAttribute("aria-pressed", String(other === button));
+    }
+    document.getElementById("element-legend").hidden = mode !== "element";
+    document.getElementById("sigma-legend").hidden = mode !== "sigma";
+    draw();
+  });
+}
+for (const id of ["cut-away", "show-dimensions", "show-path"]) document.getElementById(id).addEventListener("change", draw);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+
+draw().then(() => {
+  view.dataset.drawn = "yes";
+  view.on("plotly_relayout", (change) => {
+    const camera = change["scene.camera"];
+    if (!camera) return;
+    const sides = () => room.surfaces.map(seenFromInside).join();
+    const before = sides();
+    eye = ["x", "y", "z"].map((axis) => camera.eye[axis]);
+    if (sides() !== before) draw();
+  });
+});
