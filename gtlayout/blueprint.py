@@ -48,7 +48,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
         rrb.Tabs(
             tab(
                 "Tracks",
-                video("Video: tracked points by label, with tails", "tails", "sampled"),
+                video("Tracked points (grey: of no instance), tails by label", "points", "tails"),
                 room("Cameras", "camera"),
             ),
             tab(

@@ -120,9 +120,6 @@ class RerunObserver(Observer):
             tails = np.split(tracks.points_px[seen], starts[1:]) if len(seen) else []
             strips = rr.LineStrips2D(tails, colors=colors[owners], radii=-0.75)
             self._recording.log("world/camera/image/tails", strips)
-            now = np.flatnonzero(tracks.frame == index)
-            points = rr.Points2D(tracks.points_px[now], colors=colors[tracks.track[now]], radii=-2.0)
-            self._recording.log("world/camera/image/sampled", points)
 
     def cameras(self, scene: Scene) -> None:
         """The refined path beside the given one; from here on the camera moves along it."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import signal
 import socket
-import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 from urllib.request import urlopen
 
 import pytest
 import rerun as rr
+from web_viewer import web_viewer
 
 import gtlayout.viewer
 from gtlayout.cli import main
@@ -74,33 +72,6 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.fixture
-def port() -> int:
-    """A free one before another free one."""
-    for candidate in range(19300, 19400, 2):
-        try:
-            for one in (candidate, candidate + 1):
-                socket.create_server(("127.0.0.1", one)).close()
-        except OSError:
-            continue
-        return candidate
-    pytest.skip("no two free ports")
-
-
-@contextmanager
-def web_viewer(log: Path, port: int, end: signal.Signals) -> Iterator[str]:
-    """The address that ``gtlayout view --web`` prints, while it runs; ``end`` stops it with status 0."""
-    call = "import sys; from gtlayout.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", call, "view", str(log.parent), "--layout", str(log.parent), "--web"]
-    with subprocess.Popen([*command, "--port", str(port)], stdout=subprocess.PIPE, text=True) as running:
-        assert running.stdout is not None
-        try:
-            yield running.stdout.readline().strip()
-        finally:
-            running.send_signal(end)
-            assert running.wait(timeout=10) == 0
-
-
 def listens_on(port: int) -> list[str]:
     """IPv4 addresses on which somebody listens, as Linux writes them: little-endian hexadecimal."""
     rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
@@ -110,16 +81,16 @@ def listens_on(port: int) -> list[str]:
 
 @pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="only Linux tells who listens where")
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
-def test_web_viewer_is_served_to_this_machine_alone_and_stops(log: Path, port: int, end: signal.Signals) -> None:
-    with web_viewer(log, port, end) as address:
-        assert address.startswith(f"http://127.0.0.1:{port}/?")
-        assert parse_qs(urlsplit(address).query) == {"url": [f"rerun+http://127.0.0.1:{port + 1}/proxy"]}
+def test_web_viewer_is_served_to_this_machine_alone_and_stops(log: Path, free_ports: int, end: signal.Signals) -> None:
+    with web_viewer(log, free_ports, end) as address:
+        assert address.startswith(f"http://127.0.0.1:{free_ports}/?")
+        assert parse_qs(urlsplit(address).query) == {"url": [f"rerun+http://127.0.0.1:{free_ports + 1}/proxy"]}
         with urlopen(address, timeout=5) as answer:
             assert b"Rerun Viewer" in answer.read()
         loopback = "0100007F"
-        assert listens_on(port) == listens_on(port + 1) == [loopback]
-        assert not any(int(row.split()[1].split(":")[1], 16) in (port, port + 1) for row in _ipv6_sockets())
-    assert listens_on(port) == listens_on(port + 1) == [], "nothing is left behind"
+        assert listens_on(free_ports) == listens_on(free_ports + 1) == [loopback]
+        assert not any(int(row.split()[1].split(":")[1], 16) in (free_ports, free_ports + 1) for row in _ipv6_sockets())
+    assert listens_on(free_ports) == listens_on(free_ports + 1) == [], "nothing is left behind"
 
 
 def _ipv6_sockets() -> list[str]:
@@ -128,25 +99,29 @@ def _ipv6_sockets() -> list[str]:
 
 
 @pytest.mark.parametrize("offset", [0, 1])
-def test_taken_port_is_one_clear_line(offset: int, log: Path, port: int, capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", port + offset)):
-        assert main(["view", str(log.parent), "--layout", str(log.parent), "--web", "--port", str(port)]) == 1
+def test_taken_port_is_one_clear_line(
+    offset: int, log: Path, free_ports: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", free_ports + offset)):
+        assert main(["view", str(log.parent), "--layout", str(log.parent), "--web", "--port", str(free_ports)]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert f"port {port + offset}" in error and "choose another with --port" in error
+    assert f"port {free_ports + offset}" in error and "choose another with --port" in error
 
 
-def test_web_viewer_needs_a_log(tmp_path: Path, port: int) -> None:
+def test_web_viewer_needs_a_log(tmp_path: Path, free_ports: int) -> None:
     with pytest.raises(GtlayoutError, match="does not exist: make it with"):
-        serve_log(tmp_path / "log.rrd", port, print)
+        serve_log(tmp_path / "log.rrd", free_ports, print)
 
 
-def test_server_that_ends_is_an_error(log: Path, port: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_server_that_ends_is_an_error(
+    log: Path, free_ports: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     program = tmp_path / "rerun"
     program.write_text("#!/bin/sh\necho it broke >&2\nexit 3\n")
     program.chmod(0o755)
     monkeypatch.setattr(gtlayout.viewer, "rerun_command", lambda: str(program))
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(GtlayoutError, match="status 3: it broke"):
-        serve_log(log, port, print)
+        serve_log(log, free_ports, print)
     assert signal.getsignal(signal.SIGTERM) is before
