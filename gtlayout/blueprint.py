@@ -1,4 +1,4 @@
-"""How the rerun viewer opens a log: the room in 3D beside the video, the key frames and the summary."""
+"""How the rerun viewer opens a log: a tab for each stage, the room first."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ import rerun.blueprint as rrb
 
 from gtlayout.colors import SIGMA_FULL_M, SIGMA_FULL_SHARE
 from gtlayout.scene import FloatArray, Scene
+
+_ROOM = 5
+"""Number of the tab that a log opens with."""
+
+_FPS = 10
+"""The video plays round and round from the start: slowly enough to follow the tracks, and the iterations."""
+
+_Part = rrb.Container | rrb.View
 
 
 def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Blueprint:
@@ -18,40 +26,81 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
     full = f"{100 * SIGMA_FULL_M:g} cm" if scene.metric else f"{100 * SIGMA_FULL_SHARE:g} % of the median depth"
 
     def room(name: str, *shown: str) -> rrb.Spatial3DView:
-        contents = [f"world/{entity}/**" for entity in ("path", *shown)]
+        contents = [f"world/{entity}/**" for entity in ("path", "refined_path", *shown)]
         return rrb.Spatial3DView(origin="world", contents=contents, name=name, eye_controls=eye, line_grid=False)
 
+    def video(name: str, *shown: str) -> rrb.Spatial2DView:
+        origin = "world/camera/image"
+        contents = [f"{origin}/{entity}" for entity in ("rgb", *shown)]
+        return rrb.Spatial2DView(origin=origin, contents=contents, name=name)
+
     def key_frame(name: str, *shown: str) -> rrb.Spatial2DView:
-        return rrb.Spatial2DView(
-            origin="key_frame", contents=[f"key_frame/{entity}" for entity in ("rgb", *shown)], name=name
-        )
+        contents = [f"key_frame/{entity}" for entity in ("rgb", *shown)]
+        return rrb.Spatial2DView(origin="key_frame", contents=contents, name=name)
+
+    def tab(name: str, left: _Part, right: _Part) -> rrb.Horizontal:
+        return rrb.Horizontal(left, right, column_shares=[3, 2], name=name)
+
+    def table() -> rrb.TextDocumentView:
+        return rrb.TextDocumentView(origin="summary", name="Elements")
 
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Tabs(
-                room("Room", "camera", "mesh", "landmarks", "extents/after"),
-                room(f"Uncertainty: σ blue 0, red {full}", "camera", "uncertainty", "dimensions"),
-                room("Extents (thin: before refinement)", "extents"),
-                room("Planes (timeline: iteration)", "planes", "landmarks"),
+        rrb.Tabs(
+            tab(
+                "Tracks",
+                video("Tracked points (grey: of no instance), tails by label", "points", "tails"),
+                room("Cameras", "camera"),
             ),
-            rrb.Vertical(
-                rrb.Spatial2DView(origin="world/camera/image", name="Video and tracks"),
-                rrb.Tabs(
-                    key_frame("Annotation", "amodal", "visible", "occlusion_edges", "contact_edges"),
+            tab(
+                "Instances",
+                room("Points by instance (grey: outvoted)", "camera", "landmarks"),
+                rrb.Vertical(video("Video", "points"), key_frame("Annotation", "amodal", "visible")),
+            ),
+            tab(
+                "Edges",
+                key_frame("Contact edges (yellow), occlusion edges (red)", "occlusion_edges", "contact_edges"),
+                room("Outlines", "camera", "extents/after"),
+            ),
+            tab(
+                "Planes",
+                room("Planes (timeline: iteration)", "planes", "landmarks"),
+                rrb.TimeSeriesView(origin="solver", name="Cost (timeline: iteration)"),
+            ),
+            tab(
+                "Extents",
+                room("Extents (thin: before refinement)", "extents"),
+                key_frame("Annotation", "amodal", "visible"),
+            ),
+            tab(
+                "Room",
+                room("Mesh", "camera", "mesh"),
+                rrb.Vertical(video("Video and tracks", "points", "tails"), table()),
+            ),
+            tab(
+                "Uncertainty",
+                room(f"±1 σ, blue 0, red {full}", "uncertainty", "sheets", "dimensions"),
+                rrb.Vertical(key_frame("Rendered", "rendered"), table()),
+            ),
+            tab(
+                "Quality",
+                rrb.Grid(
                     key_frame("Annotated", "annotated"),
                     key_frame("Rendered", "rendered"),
                     key_frame("Where they differ", "differs"),
+                    key_frame("Annotation", "amodal", "visible"),
+                    grid_columns=2,
                 ),
-                rrb.Tabs(
-                    rrb.TextDocumentView(origin="summary", name="Elements"),
-                    rrb.TimeSeriesView(origin="solver", name="Cost (timeline: iteration)"),
-                    rrb.TimeSeriesView(origin="quality", name="IoU by key frame"),
+                rrb.Vertical(
+                    rrb.TimeSeriesView(
+                        origin="quality", contents="quality/iou", name="IoU by key frame (timeline: frame)"
+                    ),
+                    rrb.TimeSeriesView(origin="quality", contents="quality/elements/**", name="… of each element"),
+                    table(),
                 ),
-                row_shares=[3, 3, 2],
             ),
-            column_shares=[3, 2],
+            active_tab=_ROOM,
         ),
-        rrb.TimePanel(timeline="frame", state="collapsed"),
+        rrb.TimePanel(timeline="frame", state="collapsed", fps=_FPS, play_state="playing", loop_mode="all"),
         collapse_panels=True,
     )
 

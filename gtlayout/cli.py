@@ -16,7 +16,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from gtlayout import __version__
 from gtlayout.errors import GtlayoutError
-from gtlayout.visualize import Observer, RerunMode, open_log, rerun_observer
+from gtlayout.viewer import WEB_PORT, open_log, serve_log
+from gtlayout.visualize import Observer, RerunMode, rerun_observer
 
 RESULTS = "gtlayout"
 """Folder inside the scene that results go to, as in ``gtlayout.api``, which is slow to import."""
@@ -159,7 +160,14 @@ def check(scene_dir: SceneDir, /) -> int:
 
 
 @app.command
-def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
+def view(
+    scene_dir: SceneDir,
+    /,
+    *,
+    layout: Path | None = None,
+    web: Annotated[bool, Parameter(negative=())] = False,
+    port: Annotated[int, Parameter(validator=Number(gte=1, lte=65534))] = WEB_PORT,
+) -> None:
     """Open what `solve --rerun save` logged in the rerun viewer.
 
     Parameters
@@ -168,8 +176,16 @@ def view(scene_dir: SceneDir, /, *, layout: Path | None = None) -> None:
         The scene folder.
     layout
         Folder that holds log.rrd; DIR/gtlayout when not given.
+    web
+        Serve the web viewer to browsers on this machine, print its address and go on until Ctrl-C.
+    port
+        With --web: the port to serve it on, and the one after it, which the log comes over.
     """
-    open_log((layout or scene_dir / RESULTS) / LOG)
+    log = (layout or scene_dir / RESULTS) / LOG
+    if web:
+        serve_log(log, port, lambda address: stdout().print(f"{address}\nCtrl-C stops"))
+    else:
+        open_log(log)
 
 
 @app.command

@@ -30,7 +30,7 @@ MOVED_SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class Iteration:
-    """One Levenberg-Marquardt iteration, for plots."""
+    """What one Levenberg-Marquardt iteration came to, for plots; the first is the start."""
 
     cost: float
     planes: FloatArray
@@ -112,7 +112,7 @@ def estimate(
         landmark_instance=np.where(used, track_instance, -1),
         iterations=tuple(
             Iteration(cost, local.planes_to_world(at)[0])
-            for cost, at in zip(solution.costs, solution.history[1:], strict=True)
+            for cost, at in zip(solution.costs, solution.history, strict=True)
         ),
     )
 

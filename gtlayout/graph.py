@@ -35,9 +35,9 @@ class Solution:
     robust_weight: FloatArray
     """(N,) what the last re-weighting left of each track, in [0, 1]."""
     costs: tuple[float, ...]
-    """After each Levenberg-Marquardt iteration."""
+    """At the start and after each Levenberg-Marquardt iteration; re-weighting between runs moves them, too."""
     history: tuple[FloatArray, ...]
-    """(S, 4) planes after each iteration."""
+    """(S, 4) planes at the same times."""
 
 
 def solve(
@@ -182,6 +182,8 @@ def _optimise(
     params = gtsam.LevenbergMarquardtParams()
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
     error = optimizer.error()
+    if not costs:  # the start is part of the history
+        costs.append(error)
     for _ in range(config.max_iterations):
         optimizer.iterate()
         costs.append(optimizer.error())

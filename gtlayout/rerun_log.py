@@ -5,23 +5,24 @@ Timelines: ``frame`` (index in the video) and ``iteration`` (Levenberg-Marquardt
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import rerun as rr
-import trimesh
 
 from gtlayout.blueprint import blueprint
-from gtlayout.colors import LABEL_COLORS, Colors, instance_colors, sigma_colors, sigma_full
+from gtlayout.colors import LABEL_COLORS, instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
-from gtlayout.extent import median_depth
 from gtlayout.io.images import read_rgb
 from gtlayout.layout import Extent, Instance, Layout, Mesh
 from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of
 from gtlayout.render import render
 from gtlayout.report_table import markdown
+from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.support import OUTVOTED
 from gtlayout.tracking import Tracks
@@ -34,8 +35,6 @@ TAIL_FRAMES = 5
 """Length of the tail drawn behind each tracked point."""
 FRUSTUM_SHARE = 0.15
 """How far from the camera its image is drawn in 3D, as a share of the camera path's size."""
-SIGMA_STEP_SHARE = 0.05
-"""Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a surface."""
 
 _GREY = (130, 130, 130)
 _REFINED = (255, 230, 0)
@@ -164,6 +163,9 @@ class RerunObserver(Observer):
             record.log(f"world/landmarks/{instance.name}", cloud, static=True)
         cloud = rr.Points3D(estimate.landmarks[outvoted], colors=_GREY, radii=-1.0)
         record.log("world/landmarks/outvoted", cloud, static=True)
+        record.log(
+            "solver/cost", rr.SeriesLines(names="cost"), rr.SeriesPoints(names="cost", marker_sizes=3.0), static=True
+        )
         patches = [
             _patch(estimate.landmarks[used & ~outvoted & (estimate.landmark_instance == index)])
             for index in range(len(self._instances))
@@ -172,12 +174,20 @@ class RerunObserver(Observer):
         for number, iteration in enumerate(estimate.iterations):
             record.set_time("iteration", sequence=number)
             record.log("solver/cost", rr.Scalars(iteration.cost))
-            for index, patch in enumerate(patches):
-                if patch is not None:
-                    square = _on_plane(patch, iteration.planes[index])
-                    strips = rr.LineStrips3D([square], colors=instance_colors(index), radii=-2.0)
-                    record.log(f"world/planes/{self._instances[index].name}", strips)
+            self._planes(patches, iteration.planes)
         record.reset_time()
+        # Who looks at frames sees the last iteration.
+        record.set_time("frame", sequence=0)
+        self._planes(patches, estimate.iterations[-1].planes)
+        record.reset_time()
+
+    def _planes(self, patches: Sequence[tuple[FloatArray, float] | None], planes: FloatArray) -> None:
+        """A square on each plane, where its landmarks are."""
+        for index, (instance, patch) in enumerate(zip(self._instances, patches, strict=True)):
+            if patch is not None:
+                square = _on_plane(patch, planes[index])
+                strips = rr.LineStrips3D([square], colors=instance_colors(index), radii=-2.0)
+                self._recording.log(f"world/planes/{instance.name}", strips)
 
     def extents(self, extents: tuple[Extent, ...]) -> None:
         """Outlines before and after refinement."""
@@ -192,8 +202,8 @@ class RerunObserver(Observer):
         for index, instance in enumerate(self._instances):
             faces = mesh.faces[mesh.face_instance == index]
             if len(faces):
-                surface = _surface(mesh.vertices, faces, instance_colors(index))
-                self._recording.log(f"world/mesh/{instance.name}", surface, static=True)
+                shown = surface_of(mesh.vertices, faces, instance_colors(index))
+                self._recording.log(f"world/mesh/{instance.name}", shown, static=True)
         if len(mesh.vertices):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
 
@@ -210,33 +220,30 @@ class RerunObserver(Observer):
                 )
             differs = np.where(rendered != annotated, annotated + 1, _NOTHING).astype(np.uint8)
             self._recording.log("key_frame/differs", rr.SegmentationImage(differs, opacity=0.8))
-        self._uncertainty(layout)
-        for number, iou in enumerate(quality.frames):
-            self._recording.set_time("frame", sequence=self._scene.key_frames[number].frame)
-            self._recording.log("quality/iou", rr.Scalars(iou))
+        log_uncertainty(self._recording, self._scene, layout)
+        self._ious(layout, quality)
         self._recording.log(
             "summary", rr.TextDocument(markdown(layout, quality), media_type="text/markdown"), static=True
         )
 
-    def _uncertainty(self, layout: Layout) -> None:
-        """Each surface coloured by its own σ along its normal, and the dimensions."""
-        mesh, record = layout.mesh, self._recording
-        depth = median_depth(self._scene, layout.instances, layout.planes)
-        full = sigma_full(layout.metric, depth)
-        for index, (instance, plane) in enumerate(zip(layout.instances, layout.planes, strict=True)):
-            faces = mesh.faces[mesh.face_instance == index]
-            if len(faces):
-                step = SIGMA_STEP_SHARE * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-                vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, faces, step, max_iter=20)
-                surface = _surface(vertices, faces, sigma_colors(plane.sigma_offset(vertices) / full))
-                record.log(f"world/uncertainty/{instance.name}", surface, static=True)
-        unit = "m" if layout.metric else "units"
-        lines = rr.LineStrips3D(
-            [dimension.ends_world for dimension in layout.dimensions],
-            labels=[f"{dimension.length:.3f} ± {dimension.sigma:.3f} {unit}" for dimension in layout.dimensions],
-            radii=-1.5,
-        )
-        record.log("world/dimensions", lines, static=True)
+    def _ious(self, layout: Layout, quality: Quality) -> None:
+        """IoU of each key frame and of each instance in it, as series with a dot at every key frame."""
+        record = self._recording
+        styles = {"iou": ((60, 60, 60), "mean")}
+        for index, instance in enumerate(layout.instances):
+            r, g, b = instance_colors(index).tolist()
+            styles[f"elements/{instance.name}"] = ((r, g, b), instance.name)
+        for name, (color, legend) in styles.items():
+            line = rr.SeriesLines(colors=color, names=legend)
+            dots = rr.SeriesPoints(colors=color, names=legend, marker_sizes=3.0)
+            record.log(f"quality/{name}", line, dots, static=True)
+        for number, iou in enumerate(quality.frames):
+            record.set_time("frame", sequence=self._scene.key_frames[number].frame)
+            record.log("quality/iou", rr.Scalars(iou))
+            for element in quality.elements:
+                if element.key_frame == number:
+                    name = layout.instances[element.instance].name
+                    record.log(f"quality/elements/{name}", rr.Scalars(element.iou))
 
 
 def _centers(scene: Scene) -> FloatArray:
@@ -256,19 +263,6 @@ def _jpeg(rgb: ImageArray) -> rr.EncodedImage:
 
 def _closed(ring: FloatArray) -> FloatArray:
     return np.vstack([ring, ring[:1]])
-
-
-def _surface(vertices: FloatArray, faces: IntArray, colors: Colors) -> rr.Mesh3D:
-    """Of one colour (3,) or one a vertex (N, 3). Seen from the room's inside only, so that a view from outside looks
-    into the room.
-    """
-    return rr.Mesh3D(
-        vertex_positions=vertices,
-        triangle_indices=faces,
-        albedo_factor=colors if colors.ndim == 1 else None,
-        vertex_colors=None if colors.ndim == 1 else colors,
-        face_rendering=rr.components.MeshFaceRendering.Front,
-    )
 
 
 def _patch(landmarks: FloatArray) -> tuple[FloatArray, float] | None:

@@ -1,4 +1,4 @@
-"""What a solve tells while it runs: an observer that ignores everything, and the way to a rerun viewer.
+"""What a solve tells while it runs: an observer that ignores everything, and the one that logs to rerun.
 
 The stages know nothing of progress bars or viewers; ``gtlayout.method.solve`` calls an :class:`Observer` between
 them. ``gtlayout.rerun_log.RerunObserver`` has the same face and logs to rerun, imported only when it is asked for.
@@ -6,18 +6,13 @@ them. ``gtlayout.rerun_log.RerunObserver`` has the same face and logs to rerun, 
 
 from __future__ import annotations
 
-import os
-import shutil
-import socket
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal
 
-from gtlayout.errors import GtlayoutError
+from gtlayout.viewer import require_display, require_viewer, rerun_command
 
 if TYPE_CHECKING:
     from gtlayout.edges import ContactEdge
@@ -28,9 +23,6 @@ if TYPE_CHECKING:
     from gtlayout.tracking import Tracks
 
 RerunMode = Literal["off", "save", "spawn", "connect"]
-
-VIEWER_PORT = 9876
-"""Where a rerun viewer listens by default."""
 
 
 class Observer:
@@ -99,7 +91,7 @@ def rerun_observer(mode: RerunMode, log: Path, progress: Observer) -> Iterator[O
         if mode == "save":
             recording.save(unfinished)
         elif mode == "spawn":
-            rr.spawn(executable_path=_viewer(), recording=recording)
+            rr.spawn(executable_path=rerun_command(), recording=recording)
         else:
             recording.connect_grpc()
         try:
@@ -109,47 +101,3 @@ def rerun_observer(mode: RerunMode, log: Path, progress: Observer) -> Iterator[O
             recording.disconnect()
         if mode == "save":
             write_atomic(log, unfinished.read_bytes())
-
-
-def require_display() -> None:
-    """Raise ``GtlayoutError`` when a viewer's window has nowhere to open."""
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        msg = (
-            "no rerun viewer can start: there is no display here; use `gtlayout solve --rerun save`, "
-            "copy log.rrd to a machine with a screen and run `rerun log.rrd` there"
-        )
-        raise GtlayoutError(msg)
-
-
-def require_viewer(port: int = VIEWER_PORT) -> None:
-    """Raise ``GtlayoutError`` when no viewer listens on this machine (rerun itself would wait and drop the data)."""
-    try:
-        socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
-    except OSError:
-        msg = f"no rerun viewer listens on port {port}: start one with `rerun`, or use --rerun spawn"
-        raise GtlayoutError(msg) from None
-
-
-def open_log(log: Path) -> None:
-    """Open a saved log in a viewer and wait until its window is closed.
-
-    Raises ``GtlayoutError`` when the log is missing or the viewer cannot start.
-    """
-    if not log.is_file():
-        msg = f"{log} does not exist: make it with `gtlayout solve --rerun save`"
-        raise GtlayoutError(msg)
-    require_display()
-    viewer = subprocess.run([_viewer(), log], capture_output=True, text=True, check=False)
-    if viewer.returncode != 0:
-        reason = (viewer.stderr.strip().splitlines() or ["no reason given"])[-1]
-        msg = f"the rerun viewer ended with status {viewer.returncode}: {reason}"
-        raise GtlayoutError(msg)
-
-
-def _viewer() -> str:
-    """The ``rerun`` command that rerun-sdk installs beside Python, which need not be on the PATH."""
-    found = shutil.which("rerun", path=Path(sys.executable).parent) or shutil.which("rerun")
-    if found is None:
-        msg = "the rerun viewer is not installed: pip install rerun-sdk"
-        raise GtlayoutError(msg)
-    return found

@@ -1,23 +1,32 @@
-"""What is logged to rerun, read back from the file, and what happens where no viewer can start."""
+"""What is logged to rerun, read back from the file, and how a browser draws it."""
 
 from __future__ import annotations
 
-import socket
-import sys
+import time
 from collections import defaultdict
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import Page
 from rerun.chunk import Chunk, RrdReader
+from web_viewer import web_viewer
 
-import gtlayout.visualize
-from gtlayout.colors import sigma_colors
+from gtlayout.blueprint import blueprint
+from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.config import Config
-from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
-from gtlayout.visualize import Observer, open_log, require_viewer, rerun_observer
+from gtlayout.scene import FloatArray
+from gtlayout.visualize import Observer, rerun_observer
+
+ELSEWHERE = (
+    "request: https://",
+    "console: Failed to load resource: net::ERR_FAILED",
+    "console: TypeError: Failed to fetch",
+)
+"""What Chromium says of requests that leave this machine, and of those that failed for it."""
 
 Log = dict[str, list[Chunk]]
 
@@ -36,7 +45,7 @@ def logged(room: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Soluti
 
 def _times(chunks: list[Chunk], timeline: str) -> list[int]:
     batches = [chunk.to_record_batch() for chunk in chunks if timeline in chunk.timeline_names]
-    return sorted(int(time) for batch in batches for time in batch.column(timeline).to_pylist())
+    return sorted(int(at) for batch in batches for at in batch.column(timeline).to_pylist())
 
 
 def test_every_frame_has_camera_image_and_tracks(logged: tuple[Solution, Path, Log]) -> None:
@@ -81,23 +90,86 @@ def test_scale_of_sigma_runs_from_blue_to_red() -> None:
     assert red.argmax() == 0
 
 
+def test_sheets_lie_one_sigma_to_either_side(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    drawn = np.unique(solution.layout.mesh.face_instance)
+    assert len(drawn)
+    for index in drawn:
+        name, plane = solution.layout.instances[index].name, solution.layout.planes[index]
+        middle = _vertices(log[f"/world/uncertainty/{name}"])
+        sigma = plane.sigma_offset(middle)
+        assert sigma.max() > 1.01 * sigma.min() > 0, "σ varies over a surface"
+        for side, sign in (("towards", 1.0), ("away", -1.0)):
+            chunks = log[f"/world/sheets/{side}/{name}"]
+            height = (_vertices(chunks) - middle) @ plane.normal
+            np.testing.assert_allclose(height, sign * sigma, atol=1e-5)
+            (factor,) = chunks[0].to_record_batch().column("Mesh3D:albedo_factor").to_pylist()[0]
+            assert 0 < factor & 255 < 255, "translucent"
+
+
+def _vertices(chunks: list[Chunk]) -> FloatArray:
+    """(V, 3) of the only mesh."""
+    (batch,) = (chunk.to_record_batch() for chunk in chunks)
+    return np.array(batch.column("Mesh3D:vertex_positions").to_pylist()[0])
+
+
 def test_dimensions_are_drawn_with_their_sigma(logged: tuple[Solution, Path, Log]) -> None:
     solution, _, log = logged
-    (batch,) = (chunk.to_record_batch() for chunk in log["/world/dimensions"])
-    (labels,) = batch.column("LineStrips3D:labels").to_pylist()
+    assert "/world/dimensions" in log
+    (batch,) = (chunk.to_record_batch() for chunk in log["/world/dimensions/labels"])
+    (labels,) = batch.column("Points3D:labels").to_pylist()
     assert labels == [f"{one.length:.3f} ± {one.sigma:.3f} m" for one in solution.layout.dimensions]
     assert any(one.kind == "height" for one in solution.layout.dimensions)
+    for at, one in zip(batch.column("Points3D:positions").to_pylist()[0], solution.layout.dimensions, strict=True):
+        assert np.linalg.norm(at - one.ends_world, axis=1).sum() == pytest.approx(one.length, rel=1e-5)
+
+
+def test_iou_of_each_element_is_a_series(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    scene, quality = solution.scene, solution.quality
+    assert _scalars(log["/quality/iou"], "frame") == pytest.approx(
+        {scene.key_frames[number].frame: iou for number, iou in enumerate(quality.frames)}
+    )
+    for index, instance in enumerate(solution.layout.instances):
+        own = {scene.key_frames[e.key_frame].frame: e.iou for e in quality.elements if e.instance == index}
+        assert _scalars(log[f"/quality/elements/{instance.name}"], "frame") == pytest.approx(own)
+
+
+def _scalars(chunks: list[Chunk], timeline: str) -> dict[int, float]:
+    """Value by time."""
+    found: dict[int, float] = {}
+    for batch in (chunk.to_record_batch() for chunk in chunks if timeline in chunk.timeline_names):
+        values = np.ravel(batch.column("Scalars:scalars").to_pylist()).tolist()
+        found.update(zip((int(at) for at in batch.column(timeline).to_pylist()), values, strict=True))
+    return found
 
 
 def test_cost_and_planes_per_iteration(logged: tuple[Solution, Path, Log]) -> None:
     solution, _, log = logged
-    steps = list(range(len(solution.estimate.iterations)))
-    assert len(steps) > 1
-    assert _times(log["/solver/cost"], "iteration") == steps
+    iterations = solution.estimate.iterations
+    assert len(iterations) > 1
+    assert _scalars(log["/solver/cost"], "iteration") == pytest.approx(dict(enumerate(it.cost for it in iterations)))
     assert _times(log["/solver/cost"], "frame") == [], "iterations are not frames"
-    batches = [chunk.to_record_batch() for chunk in log["/solver/cost"]]
-    logged_costs = np.concatenate([np.ravel(batch.column("Scalars:scalars").to_pylist()) for batch in batches])
-    assert sorted(logged_costs) == pytest.approx(sorted(step.cost for step in solution.estimate.iterations))
+    assert iterations[1].cost < iterations[0].cost, "the first is the start"
+    for index, instance in enumerate(solution.layout.instances):
+        chunks = log[f"/world/planes/{instance.name}"]
+        assert _times(chunks, "frame") == [0], "who looks at frames sees the last"
+        squares: dict[int, list[list[list[float]]]] = {}
+        for batch in (chunk.to_record_batch() for chunk in chunks if "iteration" in chunk.timeline_names):
+            strips = batch.column("LineStrips3D:strips").to_pylist()
+            squares.update(zip((int(at) for at in batch.column("iteration").to_pylist()), strips, strict=True))
+        assert sorted(squares) == list(range(len(iterations)))
+        for number, (square,) in squares.items():
+            plane = iterations[number].planes[index]
+            np.testing.assert_allclose(np.array(square) @ plane[:3] + plane[3], 0.0, atol=1e-5)
+
+
+def test_each_stage_has_a_tab_and_the_room_comes_first(room: Path) -> None:
+    tabs = blueprint(load_scene(room)).root_container
+    names = [tab.name for tab in tabs.contents]
+    assert names == ["Tracks", "Instances", "Edges", "Planes", "Extents", "Room", "Uncertainty", "Quality"]
+    assert isinstance(tabs.active_tab, int)
+    assert names[tabs.active_tab] == "Room"
 
 
 def test_log_is_small_and_opens_with_a_blueprint(logged: tuple[Solution, Path, Log]) -> None:
@@ -129,43 +201,21 @@ def test_failed_run_leaves_no_log(room: Path, tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_viewer_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sys.platform", "linux")
-    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(variable, raising=False)
-    log = tmp_path / "log.rrd"
-    with pytest.raises(GtlayoutError, match="does not exist: make it with"):
-        open_log(log)
-    log.touch()
-    with pytest.raises(GtlayoutError, match="no display"):
-        open_log(log)
-    with pytest.raises(GtlayoutError, match="no display"), rerun_observer("spawn", log, Observer()):
-        pass
-
-
-def test_connect_needs_a_listening_viewer() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        require_viewer(port)
-    with pytest.raises(GtlayoutError, match="no rerun viewer listens"):
-        require_viewer(port)
-
-
-@pytest.mark.parametrize(
-    ("program", "says"),
-    [("", None), ("print('loading'); print('no screen', file=sys.stderr); sys.exit(3)", "no screen")],
-)
-def test_view_hands_the_log_to_the_viewer(
-    program: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_browser_draws_the_room(
+    logged: tuple[Solution, Path, Log], free_ports: int, page: Page, problems: list[str]
 ) -> None:
-    """Python stands in for the viewer: the log it is handed is a program that notes its arguments."""
-    log, got = tmp_path / "a log.rrd", tmp_path / "got"
-    log.write_text(f"import pathlib, sys\npathlib.Path({str(got)!r}).write_text(repr(sys.argv))\n{program}\n")
-    monkeypatch.setattr(gtlayout.visualize, "_viewer", lambda: sys.executable)
-    monkeypatch.setenv("DISPLAY", ":0")
-    if says is None:
-        open_log(log)
-    else:
-        with pytest.raises(GtlayoutError, match=f"status 3: {says}"):
-            open_log(log)
-    assert got.read_text() == repr([str(log)])
+    """Rerun's page asks the network for a font and for news and tells it of its use: it has to do without."""
+    _, path, _ = logged
+    with web_viewer(path, free_ports) as address:
+        page.set_viewport_size({"width": 800, "height": 600})  # less for a software rasterizer to do
+        page.goto(address)
+        floor = instance_colors(0).astype(int)
+        give_up = time.monotonic() + 60
+        drawn = 0
+        while drawn < 2000 and time.monotonic() < give_up:
+            page.wait_for_timeout(1000)
+            shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+            assert shot is not None
+            drawn = int((np.abs(shot[..., ::-1].astype(int) - floor).max(axis=2) < 8).sum())
+        assert drawn >= 2000, f"{drawn} pixels of the first surface; {problems}"
+    assert [said for said in problems if not said.startswith(ELSEWHERE)] == []

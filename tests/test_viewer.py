@@ -1,0 +1,127 @@
+"""The viewers: what happens where none can start, and what the web viewer serves to whom."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import sys
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+from urllib.request import urlopen
+
+import pytest
+import rerun as rr
+from web_viewer import web_viewer
+
+import gtlayout.viewer
+from gtlayout.cli import main
+from gtlayout.errors import GtlayoutError
+from gtlayout.viewer import open_log, require_viewer, serve_log
+from gtlayout.visualize import Observer, rerun_observer
+
+
+def test_no_viewer_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    log = tmp_path / "log.rrd"
+    with pytest.raises(GtlayoutError, match="does not exist: make it with"):
+        open_log(log)
+    log.touch()
+    with pytest.raises(GtlayoutError, match="no display"):
+        open_log(log)
+    with pytest.raises(GtlayoutError, match="no display"), rerun_observer("spawn", log, Observer()):
+        pass
+
+
+def test_connect_needs_a_listening_viewer() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        require_viewer(port)
+    with pytest.raises(GtlayoutError, match="no rerun viewer listens"):
+        require_viewer(port)
+
+
+@pytest.mark.parametrize(
+    ("program", "says"),
+    [("", None), ("print('loading'); print('no screen', file=sys.stderr); sys.exit(3)", "no screen")],
+)
+def test_view_hands_the_log_to_the_viewer(
+    program: str, says: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python stands in for the viewer: the log it is handed is a program that notes its arguments."""
+    log, got = tmp_path / "a log.rrd", tmp_path / "got"
+    log.write_text(f"import pathlib, sys\npathlib.Path({str(got)!r}).write_text(repr(sys.argv))\n{program}\n")
+    monkeypatch.setattr(gtlayout.viewer, "rerun_command", lambda: sys.executable)
+    monkeypatch.setenv("DISPLAY", ":0")
+    if says is None:
+        open_log(log)
+    else:
+        with pytest.raises(GtlayoutError, match=f"status 3: {says}"):
+            open_log(log)
+    assert got.read_text() == repr([str(log)])
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "log.rrd"
+    recording = rr.RecordingStream("test")
+    recording.save(path)
+    recording.log("text", rr.TextDocument("hello"), static=True)
+    recording.disconnect()
+    return path
+
+
+def listens_on(port: int) -> list[str]:
+    """IPv4 addresses on which somebody listens, as Linux writes them: little-endian hexadecimal."""
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    sockets = [row[1].split(":") for row in rows if row[3] == "0A"]
+    return [address for address, number in sockets if int(number, 16) == port]
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="only Linux tells who listens where")
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_web_viewer_is_served_to_this_machine_alone_and_stops(log: Path, free_ports: int, end: signal.Signals) -> None:
+    with web_viewer(log, free_ports, end) as address:
+        assert address.startswith(f"http://127.0.0.1:{free_ports}/?")
+        assert parse_qs(urlsplit(address).query) == {"url": [f"rerun+http://127.0.0.1:{free_ports + 1}/proxy"]}
+        with urlopen(address, timeout=5) as answer:
+            assert b"Rerun Viewer" in answer.read()
+        loopback = "0100007F"
+        assert listens_on(free_ports) == listens_on(free_ports + 1) == [loopback]
+        assert not any(int(row.split()[1].split(":")[1], 16) in (free_ports, free_ports + 1) for row in _ipv6_sockets())
+    assert listens_on(free_ports) == listens_on(free_ports + 1) == [], "nothing is left behind"
+
+
+def _ipv6_sockets() -> list[str]:
+    listed = Path("/proc/net/tcp6")
+    return listed.read_text().splitlines()[1:] if listed.exists() else []
+
+
+@pytest.mark.parametrize("offset", [0, 1])
+def test_taken_port_is_one_clear_line(
+    offset: int, log: Path, free_ports: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", free_ports + offset)):
+        assert main(["view", str(log.parent), "--layout", str(log.parent), "--web", "--port", str(free_ports)]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert f"port {free_ports + offset}" in error and "choose another with --port" in error
+
+
+def test_web_viewer_needs_a_log(tmp_path: Path, free_ports: int) -> None:
+    with pytest.raises(GtlayoutError, match="does not exist: make it with"):
+        serve_log(tmp_path / "log.rrd", free_ports, print)
+
+
+def test_server_that_ends_is_an_error(
+    log: Path, free_ports: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    program = tmp_path / "rerun"
+    program.write_text("#!/bin/sh\necho it broke >&2\nexit 3\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(gtlayout.viewer, "rerun_command", lambda: str(program))
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(GtlayoutError, match="status 3: it broke"):
+        serve_log(log, free_ports, print)
+    assert signal.getsignal(signal.SIGTERM) is before
