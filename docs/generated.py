@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import griffe
 
+import gtlayout
 from gtlayout.cli import app
 from gtlayout.config import Config
+
+SCHEMA = Path(__file__).parent / "layout.schema.json"
 
 
 def cli() -> str:
@@ -42,15 +44,21 @@ def configuration() -> str:
     return "\n\n".join(parts)
 
 
-def schema(file: Path) -> str:
-    """Every key that a JSON schema describes, as a table; nothing while there is no such file."""
-    if not file.exists():
-        return ""
-    data = json.loads(file.read_text(encoding="utf-8"))
-    rows = [
-        f"| `{path}` | {_type(node)} | {_cell(node.get('description', ''))} |" for path, node in _keys(data, data, "")
-    ]
-    return "\n".join(["## Schema", "", "| key | type | |", "|---|---|---|", *rows])
+def names() -> str:
+    """What ``gtlayout`` offers by itself, in a line."""
+    return ", ".join(f"`{name}`" for name in gtlayout.__all__) + "."
+
+
+def schema() -> str:
+    """Every key of layout.json: a table of the outermost ones, then one of each thing that has keys of its own."""
+    data = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    parts = [_table((name, node) for name, node in data["properties"].items() if not _items(node))]
+    for name, node in data["properties"].items():
+        if inner := _items(node):
+            about = inner.get("description", "") if node.get("type") == "array" else node.get("description", "")
+            many = "[]" if node.get("type") == "array" else ""
+            parts.append(f"## {name}{many}\n\n{about}\n\n{_table(_keys(inner, ''))}")
+    return "\n\n".join(parts)
 
 
 def _paths(value: Any, prefix: str) -> Iterator[tuple[str, str]]:
@@ -70,25 +78,35 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def _keys(node: dict[str, Any], whole: dict[str, Any], path: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    for name, value in _resolved(node, whole).get("properties", {}).items():
-        inner, at = _resolved(value, whole), f"{path}{name}"
-        yield at, {**inner, **{key: value[key] for key in ("description",) if key in value}}
-        while isinstance(inner.get("items"), dict):
-            inner, at = _resolved(inner["items"], whole), f"{at}[]"
-        yield from _keys(inner, whole, f"{at}.")
+def _items(node: dict[str, Any]) -> dict[str, Any] | None:
+    """Of an object, or of a list of objects, the one that has the keys."""
+    inner = node.get("items", node)
+    return inner if "properties" in inner else None
 
 
-def _resolved(node: dict[str, Any], whole: dict[str, Any]) -> dict[str, Any]:
-    """The node itself, what its ``$ref`` within the file names, or of several the one that is no null."""
-    choices = [each for each in node.get("anyOf", ()) if each.get("type") != "null"]
-    if len(choices) == 1:
-        return _resolved(choices[0], whole)
-    if found := re.fullmatch(r"#/\$defs/(\w+)", node.get("$ref", "")):
-        return _resolved(whole["$defs"][found[1]], whole)
-    return node
+def _keys(node: dict[str, Any], prefix: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(dotted path, what is said of it) of each key within."""
+    for name, value in node["properties"].items():
+        many = "[]" if value.get("type") == "array" else ""
+        if inner := _items(value):
+            yield from _keys(inner, f"{prefix}{name}{many}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _table(rows: Iterable[tuple[str, dict[str, Any]]]) -> str:
+    lines = [f"| `{path}` | `{_type(node)}` | {_cell(node.get('description', ''))} |" for path, node in rows]
+    return "\n".join(["| key | type | |", "|---|---|---|", *lines])
 
 
 def _type(node: dict[str, Any]) -> str:
-    said = node.get("enum") or node.get("type") or ""
-    return _cell(" or ".join(map(str, said)) if isinstance(said, list) else str(said))
+    """In short: ``number or null``, ``number[4][4]``, ``"ok" or "weak"``."""
+    if "const" in node or "enum" in node:
+        return " or ".join(json.dumps(value) for value in node.get("enum", [node.get("const")]))
+    if "anyOf" in node:
+        return " or ".join(_type(each) for each in node["anyOf"])
+    if node["type"] == "array":
+        inner = _type(node["items"])
+        length = node["minItems"] if node.get("minItems") == node.get("maxItems", object()) else ""
+        return f"({inner})[{length}]" if " " in inner else f"{inner}[{length}]"
+    return node["type"] if isinstance(node["type"], str) else " or ".join(node["type"])

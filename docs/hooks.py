@@ -4,7 +4,8 @@ A page asks for it by a line of its own:
 
 * ``<!-- cli -->``: every command with its options;
 * ``<!-- configuration -->``: every setting with its default;
-* ``<!-- schema -->``: every key of layout.json, once ``layout.schema.json`` lies beside this file;
+* ``<!-- names -->``: what ``gtlayout`` offers to Python by itself;
+* ``<!-- schema -->``: every key of layout.json;
 * ``<!-- README.md: Limitations -->``: what stands under that heading of a file at the top of the repository;
 * ``<!-- CHANGELOG.md -->``: a file whole.
 """
@@ -17,12 +18,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-DOCS = Path(__file__).parent
-ROOT = DOCS.parent
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the gtlayout of this checkout, whatever is installed
 
 from formulas import MathExtension, fenced_math  # noqa: E402
-from generated import cli, configuration, schema  # noqa: E402
+from generated import SCHEMA, cli, configuration, names, schema  # noqa: E402
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
@@ -38,7 +40,8 @@ _PAGES = {"docs/inputs.md": "inputs/index.md", "CHANGELOG.md": "changelog.md"}
 _GENERATORS: dict[str, Callable[[], str]] = {
     "cli": cli,
     "configuration": configuration,
-    "schema": lambda: schema(DOCS / "layout.schema.json"),
+    "names": names,
+    "schema": schema,
 }
 
 
@@ -49,6 +52,11 @@ def on_config(config: MkDocsConfig) -> None:
     config.mdx_configs["pymdownx.superfences"] = {
         "custom_fences": [{"name": "math", "class": "math", "format": fenced_math}]
     }
+
+
+def on_files(files: Files, config: MkDocsConfig) -> None:
+    """The schema of layout.json is a file of the site, beside the page about it."""
+    files.append(File.generated(config, f"reference/{SCHEMA.name}", abs_src_path=str(SCHEMA)))
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:

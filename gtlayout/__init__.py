@@ -1,3 +1,91 @@
-"""gtlayout: posed video and 2D annotations → the room's structural planes with uncertainty."""
+"""gtlayout: posed video and 2D annotations → the room's structural planes with uncertainty.
+
+``room`` is a scene folder; ``gtlayout synth room --frames 24 --width 320 --height 240`` makes one.
+
+>>> import gtlayout
+>>> scene = gtlayout.load("room")
+>>> solution = gtlayout.solve(scene)
+>>> solution.quality.accepted, solution.quality.predicted
+(True, 'trustworthy')
+>>> layout = solution.layout
+>>> [instance.name for instance in layout.instances if instance.label != "wall"]
+['ceiling_0', 'window_0', 'floor_0', 'door_0']
+>>> ceiling = layout.planes[0]
+>>> ceiling.normal.round(1) + 0.0  # n · X + d = 0, towards the cameras; the z of this world is up
+array([ 0.,  0., -1.])
+>>> 0 < ceiling.sigma_depth_m < 0.05
+True
+>>> layout.trimesh().is_empty
+False
+>>> labels, depth = layout.render(scene.frames[0].camera)
+>>> labels.shape == depth.shape == (240, 320)
+True
+>>> gtlayout.save(solution, "room/gtlayout")
+>>> scene, layout = gtlayout.load_solved("room")
+>>> gtlayout.evaluate(scene, layout).depth.median < 0.02
+True
+
+Everything here is what the command line calls. Nothing is imported before it is used: OpenCV and GTSAM take seconds.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gtlayout import check
+    from gtlayout.api import load, load_solved, save
+    from gtlayout.config import Config
+    from gtlayout.errors import GtlayoutError
+    from gtlayout.evaluation import Evaluation, evaluate
+    from gtlayout.layout import Layout
+    from gtlayout.method import Solution, solve
+    from gtlayout.scene import Camera, Scene
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Camera",
+    "Config",
+    "Evaluation",
+    "GtlayoutError",
+    "Layout",
+    "Scene",
+    "Solution",
+    "check",
+    "evaluate",
+    "load",
+    "load_solved",
+    "save",
+    "solve",
+]
+
+_HOME = {
+    "Camera": "scene",
+    "Config": "config",
+    "Evaluation": "evaluation",
+    "GtlayoutError": "errors",
+    "Layout": "layout",
+    "Scene": "scene",
+    "Solution": "method",
+    "evaluate": "evaluation",
+    "load": "api",
+    "load_solved": "api",
+    "save": "api",
+    "solve": "method",
+}
+"""Module in which each name is defined; the others are modules themselves."""
+
+
+def __getattr__(name: str) -> object:
+    """Import a public name when it is first asked for (PEP 562)."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value: object = import_module(f"{__name__}.{_HOME.get(name, name)}")
+    if name in _HOME:
+        value = getattr(value, name)
+        globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -19,7 +19,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.visualize import Observer, RerunMode, open_log, rerun_observer
 
 RESULTS = "gtlayout"
-"""Folder inside the scene that results go to."""
+"""Folder inside the scene that results go to, as in ``gtlayout.api``, which is slow to import."""
 LOG = "log.rrd"
 SUSPICIOUS = 3
 """Exit status of a check that found something."""
@@ -77,18 +77,16 @@ def solve(
     """
     out_dir = _results_dir(out or scene_dir / RESULTS)
 
+    from gtlayout.api import load, save
     from gtlayout.config import Config
-    from gtlayout.io import load_scene
-    from gtlayout.io.layout_files import write_results
     from gtlayout.method import solve as solve_scene
     from gtlayout.report_table import camera_line, dimensions, element_table, reasons, verdict
 
     config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
-    scene = load_scene(scene_dir)
+    scene = load(scene_dir)
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
         solution = solve_scene(scene, config, observer)
-        refined = solution.cameras is not None and solution.cameras.refined
-        write_results(out_dir, solution.scene, solution.layout, solution.quality, config, refined)
+        save(solution, out_dir)
 
     console = stdout()
     console.print(element_table(solution.layout, solution.quality))
@@ -122,16 +120,12 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     json
         Write the figures to this file, too.
     """
+    from gtlayout.api import load_solved
     from gtlayout.evaluation import evaluate as evaluate_layout
-    from gtlayout.io import load_scene
     from gtlayout.io.files import write_json_atomic
-    from gtlayout.io.layout_files import read_layout
-    from gtlayout.io.refined_cameras import with_refined_cameras
     from gtlayout.report_table import evaluation_table
 
-    folder = layout or scene_dir / RESULTS
-    scene = with_refined_cameras(load_scene(scene_dir), folder)
-    evaluation = evaluate_layout(scene, read_layout(folder, scene))
+    evaluation = evaluate_layout(*load_solved(scene_dir, layout))
     stdout().print(evaluation_table(evaluation))
     if json is not None:
         write_json_atomic(json, asdict(evaluation))

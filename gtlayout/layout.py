@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.scene import FloatArray, IntArray, Label
+from gtlayout.scene import Camera, FloatArray, IntArray, Label
+
+if TYPE_CHECKING:
+    import trimesh
+
+    from gtlayout.raster import LabelImage
+    from gtlayout.render import DepthImage
 
 
 @dataclass(frozen=True)
@@ -64,6 +70,9 @@ class Plane:
     """Why the plane is weak, in words; empty when it is not."""
     support: Support = Support()
     """What places it."""
+    sigma_depth_m: float = np.nan
+    """σ of its depth at the centroid of its largest drawing, metres; NaN where nothing is known, and in scenes that are
+    not metric (``sigma_depth`` then has it in the world's unit)."""
 
     @property
     def sigma_normal_deg(self) -> float:
@@ -185,3 +194,24 @@ class Layout:
     """True when world units are metres."""
     dimensions: tuple[Dimension, ...] = ()
     """Heights and widths of the room."""
+
+    def trimesh(self) -> trimesh.Trimesh:
+        """``mesh`` for trimesh: label colours on its faces, ``vertex_attributes["sigma"]`` along the normal.
+
+        World frame and unit of the cameras; ``face_attributes["instance"]`` is the index of each face's instance.
+        """
+        from gtlayout.io.layout_files import surface
+
+        made = surface(self)
+        made.face_attributes["instance"] = self.mesh.face_instance
+        return made
+
+    def render(self, camera: Camera) -> tuple[LabelImage, DepthImage]:
+        """What a camera sees.
+
+        Returns (H, W) instance indices, -1 where there is nothing, and (H, W) depths along the camera's z, world unit,
+        NaN where there is nothing.
+        """
+        from gtlayout.render import render
+
+        return render(self.planes, self.extents, self.instances, camera)

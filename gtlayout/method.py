@@ -7,7 +7,7 @@ as one factor graph.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
@@ -21,7 +21,7 @@ from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
 from gtlayout.extent import compute_extents
-from gtlayout.layout import Layout
+from gtlayout.layout import Layout, Plane
 from gtlayout.mesh import build_mesh
 from gtlayout.quality import Quality, assess
 from gtlayout.regroup import regroup
@@ -50,6 +50,8 @@ class Solution:
     """Seconds of each stage, all restarts together."""
     cameras: CameraReport | None = None
     """What refining the cameras came to; None when that was not asked for."""
+    config: Config = field(default_factory=Config)
+    """What it was solved with."""
 
 
 @dataclass
@@ -67,8 +69,8 @@ class _Stages:
         self.timings_s[name] = self.timings_s.get(name, 0.0) + time.perf_counter() - start
 
 
-def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Solution:
-    """Reconstruct the room of ``scene``.
+def solve(scene: Scene, config: Config | None = None, observer: Observer | None = None) -> Solution:
+    """Reconstruct the room of ``scene``, with the default configuration when none is given.
 
     ``config.restarts`` solves are made from the same tracks and the one with the best reprojection IoU is kept
     (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them. Where the
@@ -77,6 +79,7 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
 
     Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
     """
+    config = config or Config()
     observer = observer or Observer()
     stage = _Stages(observer)
     observer.scene(scene)
@@ -127,8 +130,9 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
         with stage("quality"):
             quality = assess(scene, instances, estimated.planes, extents, config.quality)
         dimensions = room_dimensions(instances, estimated.planes, extents, estimated.covariance)
-        layout = Layout(instances, estimated.planes, extents, mesh, scene.metric, dimensions)
-        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s, cameras)
+        planes = with_sigma_depth(estimated.planes, quality, scene.metric)
+        layout = Layout(instances, planes, extents, mesh, scene.metric, dimensions)
+        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
 
     best = run(0)
     for restart in range(1, config.restarts):
@@ -138,6 +142,14 @@ def solve(scene: Scene, config: Config, observer: Observer | None = None) -> Sol
 
     _show(best, observer)
     return best
+
+
+def with_sigma_depth(planes: Sequence[Plane], quality: Quality, metric: bool) -> tuple[Plane, ...]:
+    """The planes with the σ of depth that the quality has of each, where the scene's unit is the metre."""
+    if not metric:
+        return tuple(planes)
+    judged = zip(planes, quality.instances, strict=True)
+    return tuple(replace(plane, sigma_depth_m=instance.sigma_depth) for plane, instance in judged)
 
 
 def _show(solution: Solution, observer: Observer) -> None:

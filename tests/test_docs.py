@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
+import json
 import os
 import re
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
@@ -142,11 +145,54 @@ def test_every_setting_is_described(pages: dict[Path, Page], site: Path) -> None
     check(Config(), "config")
 
 
-@pytest.mark.parametrize(
-    "key", ["covariance", "held_by", "vertex_sigma", "face_element", "unrefined", "sigma_depth_share"]
-)
-def test_layout_json_is_described(pages: dict[Path, Page], site: Path, key: str) -> None:
-    assert key in pages[site / "reference/layout.html"].text
+def test_every_key_of_layout_json_is_described(pages: dict[Path, Page], site: Path) -> None:
+    words = set(re.findall(r"\w+", pages[site / "reference/layout.html"].text))
+
+    def check(node: Any) -> None:
+        if isinstance(node, dict):
+            assert set(node.get("properties", {})) <= words
+            for inner in node.values():
+                check(inner)
+
+    check(json.loads((site / "reference/layout.schema.json").read_text(encoding="utf-8")))
+
+
+def test_python_example_runs(room: Path, tmp_path: Path) -> None:
+    (tmp_path / "scene").symlink_to(room)
+    monkeypatch.chdir(tmp_path)
+    [code] = re.findall(
+        r"^```python\n(.*?)^```$", (PAGES / "reference/api.md").read_text(encoding="utf-8"), re.M | re.S
+    )
+    run = code.replace('"scene/gtlayout"', '"out"')
+    assert run != code
+    subprocess.run([sys.executable, "-c", run], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    assert (tmp_path / "out" / "layout.json").is_file()
+
+
+def test_messages_in_troubleshooting_are_the_programs_own() -> None:
+    """So that they are found by search: most pairs of words of every one stand side by side in the program."""
+    said = "\n".join(strings_of(path) for path in (ROOT / "gtlayout").rglob("*.py")).casefold()
+    text = (PAGES / "troubleshooting.md").read_text(encoding="utf-8").casefold()
+    quoted = re.findall(r"(?<![*\w])\*([^*\n]+)\*(?!\*)", text)
+    assert len(quoted) > 80
+    unknown = []
+    for quote in quoted:
+        pieces = [re.sub(r"^\W+|\W+$", "", piece).split() for piece in re.split(r"…|[\d.]+", quote)]
+        pairs = [" ".join(pair) for words in pieces for pair in pairwise(words)]
+        if sum(pair in said for pair in pairs) < len(pairs) / 2:
+            unknown.append(quote)
+    assert not unknown
+
+
+def strings_of(path: Path) -> str:
+    """All that a Python file could print; what is filled in is left out."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.JoinedStr):
+            found.append("\n".join(str(part.value) if isinstance(part, ast.Constant) else "" for part in node.values))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            found.append(node.value)
+    return "\n".join(found)
 
 
 def examples(page: str) -> dict[str, dict[str, str]]:

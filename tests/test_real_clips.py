@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import validate
 
 from gtlayout.cli import main
+from gtlayout.io.layout_format import layout_schema
 
 CEILINGS = {
     # clip: least IoU, largest ε without the worst 1 % of pixels (m), elements drawn
@@ -37,6 +39,10 @@ def test_errors_stay_below_their_ceilings(real_clip: Path, solved: tuple[Path, d
     assert (found["elements_on_right_instance"], found["elements"]) == (elements, elements)
     assert found["unobservable"] == []
     assert found["missing_planes"] == []
+
+
+def test_layout_fits_its_schema(solved: tuple[Path, dict[str, Any]]) -> None:
+    validate(json.loads((solved[0] / "layout.json").read_text()), layout_schema())
 
 
 def test_no_wrong_plane_looks_certain(solved: tuple[Path, dict[str, Any]]) -> None:

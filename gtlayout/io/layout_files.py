@@ -16,6 +16,7 @@ from gtlayout import __version__
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text, read_json, write_all_atomic
+from gtlayout.io.layout_format import FORMAT, ElementRow, LayoutFile
 from gtlayout.io.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.io.refined_cameras import refined_cameras_text
 from gtlayout.layout import Dimension, Extent, HeldBy, Instance, Layout, Mesh, Plane, PlaneFrame, Support
@@ -23,7 +24,6 @@ from gtlayout.mesh import vertex_sigma
 from gtlayout.quality import Quality
 from gtlayout.scene import LABELS, FloatArray, Label, Scene
 
-FORMAT = "gtlayout-layout/2"
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
 LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
     "floor": (201, 148, 86),
@@ -78,18 +78,18 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
         raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
     try:
         names = [row["name"] for row in data["elements"]]
-        parts = [_read_element(row, names, _drawings(scene), path) for row in data["elements"]]
+        metric = bool(data["metric"])
+        parts = [_read_element(row, names, _drawings(scene), metric, path) for row in data["elements"]]
         dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
         mesh = _read_mesh(data["mesh"], names)
-        metric = bool(data["metric"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
     instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
     return Layout(instances, planes, extents, mesh, metric, dimensions)
 
 
-def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> dict[str, Any]:
-    elements = []
+def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> LayoutFile:
+    elements: list[ElementRow] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
     for instance, plane, extent, judged in parts:
         elements.append(
@@ -165,7 +165,7 @@ def _drawings(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
 
 
 def _read_element(
-    row: dict[str, Any], names: list[str], drawings: dict[tuple[str, str], tuple[int, int]], path: Path
+    row: dict[str, Any], names: list[str], drawings: dict[tuple[str, str], tuple[int, int]], metric: bool, path: Path
 ) -> tuple[Instance, Plane, Extent]:
     drawn = [(member["image"], member["element"]) for member in row["members"]]
     for image, element in drawn:
@@ -188,6 +188,7 @@ def _read_element(
             bool(plane["observable"]),
             plane["note"],
             _read_support(plane["support"]),
+            float(_numbers(plane["sigma_depth"])) if metric else np.nan,
         ),
         Extent(frame, _region(row["extent"]["polygons"], frame), _region(row["extent"]["unrefined"], frame)),
     )
@@ -233,13 +234,17 @@ def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> Multi
     return frame.region([[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons])
 
 
-def _ply(layout: Layout) -> bytes:
-    """Binary PLY in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
+def surface(layout: Layout) -> trimesh.Trimesh:
+    """The mesh in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
     mesh = layout.mesh
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
-    surface = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
-    surface.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
-    return bytes(trimesh.exchange.ply.export_ply(surface, encoding="binary"))
+    made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
+    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
+    return made
+
+
+def _ply(layout: Layout) -> bytes:
+    return bytes(trimesh.exchange.ply.export_ply(surface(layout), encoding="binary"))
 
 
 def _glb(layout: Layout) -> bytes:

@@ -1,0 +1,45 @@
+"""Scenes and results, from and to folders: the ends of ``gtlayout.solve`` and ``gtlayout.evaluate``."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from gtlayout.io import load_scene
+from gtlayout.io.layout_files import read_layout, write_results
+from gtlayout.io.refined_cameras import with_refined_cameras
+from gtlayout.layout import Layout
+from gtlayout.method import Solution
+from gtlayout.scene import Scene
+
+RESULTS = "gtlayout"
+"""Folder inside the scene that results go to."""
+
+
+def load(folder: str | PathLike[str]) -> Scene:
+    """Read a scene folder: cameras, images, annotations, in any known format.
+
+    Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
+    what was repaired or skipped stands in ``Scene.warnings``.
+    """
+    return load_scene(Path(folder))
+
+
+def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None = None) -> tuple[Scene, Layout]:
+    """Read a scene folder and the layout that was solved of it, from ``results`` (``folder/gtlayout`` when not given).
+
+    The scene has the cameras the layout was solved with, refined ones included. Raises GtlayoutError when either cannot
+    be read, or the layout was made from other annotations.
+    """
+    found = Path(folder) / RESULTS if results is None else Path(results)
+    scene = with_refined_cameras(load_scene(Path(folder)), found)
+    return scene, read_layout(found, scene)
+
+
+def save(solution: Solution, results: str | PathLike[str]) -> None:
+    """Write layout.json, layout.glb, layout.ply, quality.json, config.json and, where refined, cameras.json.
+
+    Raises GtlayoutError when the folder ``results`` or the disk does not take them; all files are then as they were.
+    """
+    refined = solution.cameras is not None and solution.cameras.refined
+    write_results(Path(results), solution.scene, solution.layout, solution.quality, solution.config, refined)

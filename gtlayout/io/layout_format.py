@@ -1,0 +1,151 @@
+"""What stands in layout.json: the types of its parts, and their JSON schema.
+
+``python -m gtlayout.io.layout_format > docs/layout.schema.json`` writes the schema that the documentation shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, TypedDict
+
+from gtlayout.io.files import json_text
+from gtlayout.io.json_schema import OrNull, Schema, Shape, schema_of
+from gtlayout.layout import Support
+from gtlayout.quality import Prediction, Verdict
+from gtlayout.scene import FloatArray, IntArray, Label
+
+Format = Literal["gtlayout-layout/2"]
+FORMAT: Format = "gtlayout-layout/2"
+
+_NUMBER_OR_NULL = {"type": ["number", "null"]}
+NumberOrNull = Annotated[float, OrNull()]
+Points = Annotated[FloatArray, Shape((None, 3))]
+
+
+class Member(TypedDict):
+    """One drawing of an element."""
+
+    image: str
+    """File name of the key frame's image."""
+    element: str
+    """The annotator's id in that key frame."""
+
+
+class PlaneRow(TypedDict):
+    """normal · X + d = 0 in the world frame of the cameras."""
+
+    normal: Annotated[FloatArray, Shape((3,), _NUMBER_OR_NULL)]
+    """Unit normal, towards the cameras; nulls when nothing places the plane."""
+    d: NumberOrNull
+    """World unit."""
+    covariance: Annotated[FloatArray, Shape((4, 4), _NUMBER_OR_NULL)]
+    """Of (normal, d) in the world frame; rank 3; nulls when nothing places the plane."""
+    observable: bool
+    """False when nothing but priors determines the plane: its numbers then mean nothing."""
+    note: str
+    """Why it is not observable; empty when it is."""
+    support: Annotated[dict[str, Any], Support]
+    """What places it."""
+    sigma_normal_deg: NumberOrNull
+    """σ of the normal's direction, degrees: the larger of its two principal axes."""
+    sigma_depth: NumberOrNull
+    """σ of the depth at the centroid of the element's largest drawing, world unit."""
+
+
+class ExtentRow(TypedDict):
+    """The finite part of the plane that the element covers."""
+
+    area: float
+    """Square world units."""
+    origin: Annotated[FloatArray, Shape((3,), _NUMBER_OR_NULL)]
+    """Of the plane's own 2D frame, in the world."""
+    axes: Annotated[FloatArray, Shape((2, 3), _NUMBER_OR_NULL)]
+    """Unit vectors u and v of that frame, in the world; u × v is the normal."""
+    polygons: list[list[Points]]
+    """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one."""
+    unrefined: list[list[Points]]
+    """The same before refinement: the plain union of the unprojected drawings."""
+
+
+class ElementRow(TypedDict):
+    """One wall, floor, ceiling, slanted surface, door or window."""
+
+    name: str
+    """Label and a running number, unique in the file."""
+    label: Label
+    host: str | None
+    """For doors and windows: name of the element whose plane they lie in; null when they have none."""
+    members: list[Member]
+    """The drawings that show it, at most one a key frame."""
+    plane: PlaneRow
+    extent: ExtentRow
+    iou: NumberOrNull
+    """Mean reprojection IoU over the key frames that show it."""
+    verdict: Verdict
+    reason: str
+    """Why the verdict is not ok; empty when it is."""
+    causes: Sequence[str]
+    """What makes it uncertain, the most important first."""
+
+
+class DimensionRow(TypedDict):
+    """The distance of two surfaces that face each other."""
+
+    kind: Literal["height", "width"]
+    """Floor to ceiling, or wall to wall."""
+    between: Annotated[list[str], Shape((2,), {"type": "string"})]
+    """Names of both elements; of a height the floor first."""
+    length: float
+    """World unit."""
+    sigma: NumberOrNull
+    """σ of the length, world unit; what the errors of both planes have in common counts."""
+    ends: Annotated[FloatArray, Shape((2, 3))]
+    """Where it is measured: a point on each plane."""
+
+
+class MeshRow(TypedDict):
+    """Triangles that share their vertices where elements touch."""
+
+    vertices: Points
+    """World."""
+    vertex_sigma: Annotated[FloatArray, Shape((None,), _NUMBER_OR_NULL)]
+    """σ along the normal at each vertex, the largest of the elements that share it, world unit."""
+    faces: Annotated[IntArray, Shape((None, 3), {"type": "integer", "minimum": 0})]
+    """Indices of vertices, counter-clockwise seen from the cameras."""
+    face_element: list[str]
+    """Name of the element that each face belongs to."""
+
+
+class LayoutFile(TypedDict):
+    """A solved room: planes with their uncertainty, extents, dimensions, mesh and verdicts. Null = not known."""
+
+    format: Format
+    version: str
+    """Of gtlayout."""
+    seed: int
+    metric: bool
+    """True when the world unit is the metre."""
+    unit: Literal["m", "scene unit"]
+    """Of all lengths."""
+    convention: str
+    """Signs, frames and what σ is taken of, in words."""
+    accepted: bool
+    """Whether the reprojection IoU is at least 0.8."""
+    predicted: Prediction
+    """What the covariances say of the depth."""
+    sigma_depth_share: float
+    """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
+    elements: list[ElementRow]
+    dimensions: list[DimensionRow]
+    """Heights and widths of the room."""
+    mesh: MeshRow
+
+
+def layout_schema() -> Schema:
+    """The JSON schema of layout.json."""
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": FORMAT}
+    return head | schema_of(LayoutFile)
+
+
+if __name__ == "__main__":
+    print(json_text(layout_schema()), end="")

@@ -1,0 +1,147 @@
+"""gtlayout from Python: the example of its docstring, its types as a user's mypy sees them, what importing costs."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jsonschema import validate
+
+import gtlayout
+from gtlayout.cli import main
+from gtlayout.io.layout_format import layout_schema
+from gtlayout.method import with_sigma_depth
+
+ROOT = Path(__file__).parents[1]
+USER_SCRIPT = '''
+"""What a user may write."""
+
+from typing import assert_type
+
+import numpy as np
+import numpy.typing as npt
+import trimesh
+
+import gtlayout
+
+
+def depth_error(folder: str) -> float:
+    scene = gtlayout.load(folder)
+    assert_type(scene, gtlayout.Scene)
+    assert_type(gtlayout.check.suspicions(scene), list[str])
+    solution = gtlayout.solve(scene, gtlayout.Config(seed=1))
+    assert_type(solution, gtlayout.Solution)
+    layout = solution.layout
+    assert_type(layout, gtlayout.Layout)
+    assert_type(layout.planes[0].normal, npt.NDArray[np.float64])
+    assert_type(layout.planes[0].sigma_depth_m, float)
+    assert_type(layout.trimesh(), trimesh.Trimesh)
+    labels, depth = layout.render(scene.frames[0].camera)
+    assert_type(labels, npt.NDArray[np.int32])
+    assert_type(depth, npt.NDArray[np.float32])
+    depth.wrong()
+    gtlayout.save(solution, folder)
+    scene, layout = gtlayout.load_solved(folder)
+    measured = gtlayout.evaluate(scene, layout).depth
+    return np.nan if measured is None else measured.median
+'''
+
+
+@pytest.fixture(scope="module")
+def example(room: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What the docstring's example leaves behind: it is run in a folder that holds ``room``."""
+    folder = tmp_path_factory.mktemp("api")
+    shutil.copytree(room, folder / "room")
+    test = doctest.DocTestParser().get_doctest(gtlayout.__doc__ or "", {}, "gtlayout", "gtlayout/__init__.py", 0)
+    said: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        ran = doctest.DocTestRunner().run(test, out=said.append, clear_globs=False)
+    assert ran.attempted > 10
+    assert not ran.failed, "".join(said)
+    return test.globs | {"folder": folder / "room"}
+
+
+def test_mesh_is_that_of_the_layout(example: dict[str, Any]) -> None:
+    layout = example["solution"].layout
+    mesh = layout.trimesh()
+    np.testing.assert_array_equal(mesh.vertices, layout.mesh.vertices)
+    np.testing.assert_array_equal(mesh.face_attributes["instance"], layout.mesh.face_instance)
+    ceiling = (mesh.face_attributes["instance"] == 0) & (mesh.area_faces > 1e-4)
+    np.testing.assert_allclose(mesh.face_normals[ceiling] @ layout.planes[0].normal, 1, atol=1e-6)
+    assert len(mesh.vertex_attributes["sigma"]) == len(mesh.vertices)
+
+
+def test_rendering_shows_the_planes(example: dict[str, Any]) -> None:
+    layout, camera = example["layout"], example["scene"].frames[0].camera
+    labels, depth = example["labels"], example["depth"]
+    rows, columns = np.nonzero(labels == 0)
+    points = camera.center_world + depth[rows, columns, None] * camera.rays_world(np.stack([columns, rows], 1) + 0.5)
+    np.testing.assert_allclose(points @ layout.planes[0].normal + layout.planes[0].d, 0, atol=1e-5)
+
+
+def test_what_is_saved_is_what_the_command_line_writes(example: dict[str, Any], tmp_path: Path) -> None:
+    saved, folder = example["folder"] / "gtlayout", example["folder"]
+    assert main(["solve", str(folder), "--out", str(tmp_path)]) == 0
+    for file in sorted(saved.iterdir()):
+        assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+
+
+def test_sigma_of_depth_is_read_back_and_only_in_metres(example: dict[str, Any]) -> None:
+    solution, layout = example["solution"], example["layout"]
+    found = [plane.sigma_depth_m for plane in layout.planes]
+    assert found == [instance.sigma_depth for instance in solution.quality.instances]
+    assert all(0 < sigma < 0.2 for sigma in found)
+    other = with_sigma_depth(solution.estimate.planes, solution.quality, metric=False)
+    assert np.isnan([plane.sigma_depth_m for plane in other]).all()
+    path = example["folder"] / "gtlayout/layout.json"
+    content = path.read_text()
+    path.write_text(json.dumps(json.loads(content) | {"metric": False}))
+    _, without_unit = gtlayout.load_solved(example["folder"])
+    path.write_text(content)
+    assert np.isnan([plane.sigma_depth_m for plane in without_unit.planes]).all()
+
+
+def test_saved_layout_fits_its_schema(example: dict[str, Any]) -> None:
+    validate(json.loads((example["folder"] / "gtlayout/layout.json").read_text()), layout_schema())
+
+
+def test_check_and_config(example: dict[str, Any]) -> None:
+    scene = example["scene"]
+    assert gtlayout.check.suspicions(replace(scene, warnings=("so",)))[0] == "so"
+    assert example["solution"].config == gtlayout.Config()
+
+
+def test_every_public_name_is_there_and_no_other() -> None:
+    assert set(gtlayout.__all__) <= set(dir(gtlayout))
+    for name in gtlayout.__all__:
+        assert getattr(gtlayout, name).__doc__, name
+    with pytest.raises(AttributeError, match="no attribute 'solves'"):
+        gtlayout.solves  # noqa: B018
+
+
+def test_importing_it_loads_nothing() -> None:
+    code = "import sys; before = set(sys.modules); import gtlayout; print(*set(sys.modules) - before)"
+    ran = subprocess.run([sys.executable, "-S", "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in ran.stdout.split()}
+    assert loaded <= {"gtlayout", "__future__", *sys.stdlib_module_names}
+
+
+def test_a_user_s_mypy_sees_the_types(tmp_path: Path) -> None:
+    script = tmp_path / "user.py"
+    script.write_text(USER_SCRIPT)
+    # With the project's own settings, strict too, mypy finds most of its work done already.
+    command = [sys.executable, "-m", "mypy", str(script)]
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    line = 1 + USER_SCRIPT.splitlines().index("    depth.wrong()")
+    (error,) = [said for said in ran.stdout.splitlines() if "error:" in said]
+    assert f"user.py:{line}: error:" in error
+    assert (ROOT / "gtlayout/py.typed").exists()
