@@ -108,5 +108,5 @@ def _type(node: dict[str, Any]) -> str:
     if node["type"] == "array":
         inner = _type(node["items"])
         length = node["minItems"] if node.get("minItems") == node.get("maxItems", object()) else ""
-        return f"({inner})[{length}]" if " " in inner else f"{inner}[{length}]"
+        return f"({inner})[{length}]" if " " in inner and "[" not in inner else f"{inner}[{length}]"
     return node["type"] if isinstance(node["type"], str) else " or ".join(node["type"])

@@ -35,8 +35,9 @@ _INSERT = re.compile(r"^<!-- (?:(\w+)|([A-Z]+\.md)(?:: (.+))?) -->$", re.MULTILI
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!\w+://|#)([^)]+)\)")
 """A link to a file of the repository."""
 _IMAGE = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n", re.MULTILINE)
+_FOLDER = "docs/pages/"
 _PAGES = {"docs/inputs.md": "inputs/index.md", "CHANGELOG.md": "changelog.md"}
-"""Files of the repository that are pages of the site; others are only named there."""
+"""Files of the repository that are pages of the site, as are those in docs/pages; others are only named there."""
 _GENERATORS: dict[str, Callable[[], str]] = {
     "cli": cli,
     "configuration": configuration,
@@ -88,7 +89,8 @@ def repository_text(text: str, to_root: str) -> str:
     """
 
     def link(match: re.Match[str]) -> str:
-        target = _PAGES.get(match[2].partition("#")[0])
-        return f"[{match[1]}]({to_root}{target})" if target else f"`{match[2]}`"
+        path, mark, anchor = match[2].partition("#")
+        page = _PAGES.get(path, path.removeprefix(_FOLDER) if path.startswith(_FOLDER) else None)
+        return f"[{match[1]}]({to_root}{page}{mark}{anchor})" if page else f"`{match[2]}`"
 
     return _LINK.sub(link, _IMAGE.sub("", text))
