@@ -171,9 +171,7 @@ def test_python_example_runs(room: Path, tmp_path: Path) -> None:
 
 
 def test_messages_in_troubleshooting_are_the_programs_own() -> None:
-    """So that they are found by search: all pairs of words of each stand in the program, but one in four: what is filled
-    in may be a word.
-    """
+    """So that search finds them. Pairs of words stand in the program, but one in four: a word may be filled in."""
     sources = "\n".join(strings_of(path) for path in (ROOT / "gtlayout").rglob("*.py"))
     said = "\n".join([sources, *causes_of_weakness()]).casefold()
     text = (PAGES / "troubleshooting.md").read_text(encoding="utf-8").casefold()
