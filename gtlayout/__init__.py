@@ -2,6 +2,7 @@
 
 ``room`` is a scene folder; ``gtlayout synth room --frames 24 --width 320 --height 240`` makes one.
 
+>>> from pathlib import Path
 >>> import gtlayout
 >>> scene = gtlayout.load("room")
 >>> solution = gtlayout.solve(scene)
@@ -22,6 +23,7 @@ False
 True
 >>> gtlayout.save(solution, "room/gtlayout")
 >>> scene, layout = gtlayout.load_solved("room")
+>>> gtlayout.export.export_layout(Path("room.svg"), scene, layout, "svg")
 >>> gtlayout.evaluate(scene, layout).depth.median < 0.02
 True
 
@@ -32,7 +34,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gtlayout import check
+    from gtlayout import check, export
     from gtlayout.api import load, load_solved, save
     from gtlayout.config import Config
     from gtlayout.errors import GtlayoutError
@@ -53,6 +55,7 @@ __all__ = [
     "Solution",
     "check",
     "evaluate",
+    "export",
     "load",
     "load_solved",
     "save",

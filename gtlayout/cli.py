@@ -179,6 +179,13 @@ app.command(
 )
 
 
+app.command(
+    "gtlayout.export.command:export",
+    name="export",
+    help="Write a solved layout for another program: a viewer, CAD, a data set.",
+)
+
+
 def _source_or_labels(source: Path | None = None, out: Path | None = None, **options: object) -> None:
     if "label_config" not in options and (source is None or out is None):
         raise ValueError("SRC and OUT are needed (or --label-config cvat|label-studio)")

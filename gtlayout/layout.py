@@ -200,7 +200,7 @@ class Layout:
 
         World frame and unit of the cameras; ``face_attributes["instance"]`` is the index of each face's instance.
         """
-        from gtlayout.io.layout_files import surface
+        from gtlayout.export.ply import surface
 
         made = surface(self)
         made.face_attributes["instance"] = self.mesh.face_instance

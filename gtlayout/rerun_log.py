@@ -12,12 +12,12 @@ import rerun as rr
 import trimesh
 
 from gtlayout.blueprint import SIGMA_FULL_M, SIGMA_FULL_SHARE, blueprint
+from gtlayout.colors import LABEL_COLORS
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
 from gtlayout.extent import median_depth
 from gtlayout.io.images import read_rgb
-from gtlayout.io.layout_files import LABEL_COLORS
 from gtlayout.layout import Extent, Instance, Layout, Mesh
 from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of

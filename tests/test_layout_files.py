@@ -16,10 +16,11 @@ import shapely
 import trimesh
 from shapely import MultiPolygon, Polygon, box
 
+from gtlayout.colors import LABEL_COLORS
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_all_atomic
-from gtlayout.io.layout_files import LABEL_COLORS, read_layout, write_results
+from gtlayout.io.layout_files import read_layout, write_results
 from gtlayout.layout import Dimension, Extent, Layout, Plane, Support
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality import Quality, assess

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-import trimesh
 from shapely import MultiPolygon
 
 from gtlayout import __version__
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.export.glb import glb_bytes
+from gtlayout.export.ply import ply_bytes
 from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.io.layout_format import FORMAT, ElementRow, LayoutFile
 from gtlayout.io.refined_cameras import FILE as CAMERAS_FILE
@@ -22,18 +23,9 @@ from gtlayout.io.refined_cameras import refined_cameras_text
 from gtlayout.layout import Dimension, Extent, HeldBy, Instance, Layout, Mesh, Plane, PlaneFrame, Support
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality import Quality
-from gtlayout.scene import LABELS, FloatArray, Label, Scene
+from gtlayout.scene import LABELS, FloatArray, Scene
 
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
-LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
-    "floor": (201, 148, 86),
-    "ceiling": (150, 150, 160),
-    "wall": (86, 150, 201),
-    "slanted": (160, 110, 200),
-    "door": (214, 90, 80),
-    "window": (90, 200, 190),
-}
-"""RGB of each label in meshes and pictures."""
 
 
 def write_results(
@@ -51,8 +43,8 @@ def write_results(
     write_all_atomic(
         {
             **cameras,
-            out_dir / "layout.ply": _ply(layout),
-            out_dir / "layout.glb": _glb(layout),
+            out_dir / "layout.ply": ply_bytes(layout),
+            out_dir / "layout.glb": glb_bytes(layout),
             out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
             out_dir / "config.json": json_text({"versions": versions, "config": asdict(config)}),
             # Last, because it is what says that a scene is solved.
@@ -232,63 +224,6 @@ def _numbers(value: Any) -> FloatArray:
 
 def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:
     return frame.region([[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons])
-
-
-def surface(layout: Layout) -> trimesh.Trimesh:
-    """The mesh in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
-    mesh = layout.mesh
-    colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
-    made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
-    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
-    return made
-
-
-def _ply(layout: Layout) -> bytes:
-    return bytes(trimesh.exchange.ply.export_ply(surface(layout), encoding="binary"))
-
-
-def _glb(layout: Layout) -> bytes:
-    """GLB with one named node and material per element, y up: rotated so that the floor (or the ceiling) is level."""
-    mesh = layout.mesh
-    turn = _y_up(layout)
-    scene = trimesh.Scene()
-    for i, instance in enumerate(layout.instances):
-        faces = mesh.faces[mesh.face_instance == i]
-        if len(faces) == 0:
-            continue
-        used, renumbered = np.unique(faces, return_inverse=True)
-        material = trimesh.visual.material.PBRMaterial(
-            name=instance.name,
-            baseColorFactor=[*LABEL_COLORS[instance.label], 255],
-            metallicFactor=0.0,
-            roughnessFactor=1.0,
-            doubleSided=True,
-        )
-        scene.add_geometry(
-            trimesh.Trimesh(
-                mesh.vertices[used] @ turn.T,
-                renumbered.reshape(-1, 3),
-                visual=trimesh.visual.TextureVisuals(material=material),
-                process=False,
-            ),
-            node_name=instance.name,
-            geom_name=instance.name,
-        )
-    if not scene.geometry:
-        # glTF knows no empty scene in trimesh's writer.
-        scene.add_geometry(trimesh.Trimesh(), geom_name="empty")
-    scene.metadata = {"metric": layout.metric}
-    return bytes(trimesh.exchange.gltf.export_glb(scene))
-
-
-def _y_up(layout: Layout) -> FloatArray:
-    """(3, 3) rotation that turns the floor's normal to +y; without a floor the ceiling's to −y; without either none."""
-    for label, sign in (("floor", 1.0), ("ceiling", -1.0)):
-        for instance, plane in zip(layout.instances, layout.planes, strict=True):
-            if instance.label == label and plane.observable:
-                rotation: FloatArray = trimesh.geometry.align_vectors(plane.normal, [0.0, sign, 0.0])[:3, :3]
-                return rotation
-    return np.eye(3)
 
 
 def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:

@@ -1,0 +1,71 @@
+"""A solved layout for other programs. A format is one file in this package and one entry in the table below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Literal
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.layout import Layout
+from gtlayout.scene import Scene
+
+Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf"]
+Writer = Callable[[Path, Scene, Layout], None]
+"""Writes a layout, and what of its scene the format holds, to a file or a new folder: all of it or nothing.
+
+Raises GtlayoutError when the format cannot say what the layout is, or the disk does not take it.
+"""
+
+
+@dataclass(frozen=True)
+class Exporter:
+    """A format that layouts are exported to."""
+
+    file_name: str
+    """Of the file or folder that is written when no other is named."""
+    module: str
+    """That has the format's ``write``; imported only when it is needed."""
+    needs: str | None = None
+    """The optional extra of gtlayout that the module's own imports come with."""
+
+    @property
+    def suffix(self) -> str:
+        """Ending of the file name; empty for a folder."""
+        return Path(self.file_name).suffix
+
+    def load(self) -> Writer:
+        """The function that writes the format. Raises GtlayoutError when what it needs is not installed."""
+        try:
+            writer: Writer = import_module(self.module).write
+        except ModuleNotFoundError as error:
+            if self.needs is None:
+                raise
+            raise GtlayoutError(f"{error.name} is not installed: pip install 'gtlayout[{self.needs}]'") from error
+        return writer
+
+
+EXPORTERS: dict[Format, Exporter] = {
+    "glb": Exporter("layout.glb", "gtlayout.export.glb"),
+    "ply": Exporter("layout.ply", "gtlayout.export.ply"),
+    "obj": Exporter("layout.obj", "gtlayout.export.obj"),
+    "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
+    "svg": Exporter("floor_plan.svg", "gtlayout.export.svg"),
+    "dxf": Exporter("floor_plan.dxf", "gtlayout.export.dxf"),
+}
+
+
+def export_layout(path: Path, scene: Scene, layout: Layout, to: Format) -> None:
+    """Write ``layout`` to ``path`` in one of the formats; ``scene`` is the one it was solved from.
+
+    Raises GtlayoutError when the format cannot say what the layout is, needs a package that is not installed, or the
+    disk does not take it; what was at ``path`` is then as it was.
+    """
+    EXPORTERS[to].load()(path, scene, layout)
+
+
+def unit(metric: bool) -> str:
+    """The unit of lengths, as every file that has units says it."""
+    return "m" if metric else "scene unit (not metric)"

@@ -1,0 +1,39 @@
+"""The command ``gtlayout export``. Loaded only when it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from gtlayout.api import load_solved
+from gtlayout.cli import RESULTS, stdout
+from gtlayout.export import EXPORTERS, Format, export_layout
+
+
+def export(
+    scene_dir: Annotated[Path, Parameter(name="DIR")],
+    /,
+    *,
+    to: Format,
+    out: Path | None = None,
+    layout: Path | None = None,
+) -> None:
+    """Write a solved layout for another program: a viewer, CAD, a data set.
+
+    Parameters
+    ----------
+    scene_dir
+        The scene folder.
+    to
+        The format: meshes (glb with y up, ply, obj), a floor plan (svg, dxf), or a folder as in the CAD-Estate release.
+    out
+        The file, or new folder, to write; beside the layout when not given.
+    layout
+        Folder that holds layout.json; DIR/gtlayout when not given.
+    """
+    scene, solved = load_solved(scene_dir, layout)
+    path = out or (layout or scene_dir / RESULTS) / EXPORTERS[to].file_name
+    export_layout(path, scene, solved, to)
+    stdout().print(f"Export: {path}")

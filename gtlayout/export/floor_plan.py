@@ -1,0 +1,292 @@
+"""A layout seen from above: walls as lines on the floor plane, doors and windows as intervals on them.
+
+Pure geometry in world units; how it is drawn is the matter of ``plan_drawing``. Walls have no thickness: a layout knows
+their inner surfaces only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon
+
+from gtlayout.dimensions import MAX_ANGLE_DEG
+from gtlayout.errors import GtlayoutError
+from gtlayout.extent import polygons
+from gtlayout.layout import Layout, PlaneFrame
+from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
+
+Level = Literal["floor", "ceiling", "walls and cameras"]
+UPRIGHT_SINE = 0.5
+"""A plane less steep than 30° has no line on the floor that says where it is: it is drawn by its outline."""
+CORNER_SHARE = 0.02
+"""Walls whose ends come this near their lines' intersection, as a share of the plan's size, meet there (6 m: 12 cm)."""
+BAND_SIGMAS = 2.0
+MAX_BAND_SHARE = 0.5
+"""A band reaches no further to either side than this share of its wall's length: beyond, it says no more."""
+_BAND_POINTS = 9
+_MIN_SINE = float(np.sin(np.deg2rad(MAX_ANGLE_DEG)))
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """The line in which an upright surface meets the floor plane."""
+
+    name: str
+    label: Label
+    ends: FloatArray
+    """(2, 2) in the plan."""
+    inside: FloatArray
+    """(2,) unit vector across it, towards the cameras."""
+    drawn: FloatArray
+    """(N, 2) intervals on it, as distances from the first end: without openings and parts that were not seen."""
+    band: FloatArray
+    """(N, 2) corners of the area within two σ of the surface; none where σ is not known."""
+
+    @property
+    def length(self) -> float:
+        """World unit."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+    def at(self, distances: FloatArray) -> FloatArray:
+        """(N,) distances from the first end → (N, 2) points."""
+        return self.ends[0] + distances[:, None] * (self.ends[1] - self.ends[0]) / max(self.length, 1e-300)
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A surface that is not upright, dropped onto the floor plane."""
+
+    name: str
+    label: Label
+    region: MultiPolygon
+
+
+@dataclass(frozen=True)
+class PlanDimension:
+    """The distance of two walls, or (``ends`` without meaning) of floor and ceiling."""
+
+    kind: Literal["height", "width"]
+    names: tuple[str, str]
+    length: float
+    sigma: float
+    ends: FloatArray
+    """(2, 2) where it is measured, in the plan."""
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """Everything that is drawn. Its frame's first axis runs along the longest wall, its normal is up."""
+
+    frame: PlaneFrame
+    """Plan coordinates in the world."""
+    level: Level
+    """What the floor plane was taken from."""
+    walls: tuple[Footprint, ...]
+    openings: tuple[Footprint, ...]
+    """On the line of their wall; on their own plane's where they have none."""
+    outlines: tuple[Outline, ...]
+    """Floors and slanted surfaces."""
+    dimensions: tuple[PlanDimension, ...]
+    metric: bool
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(2, 2) lowest and highest coordinates of all that is in it."""
+        points = [one.ends for one in (*self.walls, *self.openings)] + [wall.band for wall in self.walls]
+        points += [shapely.get_coordinates(one.region) for one in self.outlines]
+        every = np.concatenate(points)
+        return np.stack([every.min(axis=0), every.max(axis=0)])
+
+
+def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
+    """The plan of a layout. Planes that nothing places, and ceilings, are not in it.
+
+    The floor plane is that of the largest floor. Without one, it is parallel to the largest ceiling; without either,
+    upright on the walls, with the side that the cameras have up: then it passes through the layout's lowest point.
+    Raises GtlayoutError when there is no floor, ceiling or wall whose place is known.
+    """
+    seen = [i for i, plane in enumerate(layout.planes) if plane.observable and not layout.extents[i].region.is_empty]
+    frame, level = _floor_frame(scene, layout, seen)
+    frame = _along_longest_wall(frame, [f for i in seen if (f := _footprint(layout, i, frame))])
+    lines = {i: line for i in seen if (line := _footprint(layout, i, frame))}
+    walls = {i: line for i, line in lines.items() if line.label not in OPENINGS}
+    openings = {
+        i: _on_line(lines[i], walls[host] if (host := layout.instances[i].host) in walls else lines[i])
+        for i in lines.keys() - walls.keys()
+    }
+    openings = dict(sorted(openings.items()))
+    joined = dict(zip(walls, _join_corners(tuple(walls.values())), strict=True))
+    cut = [
+        _with_band(
+            _without(wall, [one for j, one in openings.items() if layout.instances[j].host == i]), layout, i, frame
+        )
+        for i, wall in joined.items()
+    ]
+    outlines = tuple(
+        Outline(layout.instances[i].name, layout.instances[i].label, _dropped(layout, i, frame))
+        for i in seen
+        if layout.instances[i].label == "floor" or (layout.instances[i].label in ("wall", "slanted") and i not in walls)
+    )
+    names = [instance.name for instance in layout.instances]
+    dimensions = tuple(
+        PlanDimension(
+            one.kind, (names[one.first], names[one.second]), one.length, one.sigma, frame.to_plane(one.ends_world)
+        )
+        for one in layout.dimensions
+    )
+    return FloorPlan(frame, level, tuple(cut), tuple(openings.values()), outlines, dimensions, layout.metric)
+
+
+def _floor_frame(scene: Scene, layout: Layout, seen: Sequence[int]) -> tuple[PlaneFrame, Level]:
+    """The plan's plane, with any direction for its axes."""
+
+    def largest(label: Label) -> int | None:
+        found = [i for i in seen if layout.instances[i].label == label]
+        return max(found, key=lambda i: layout.extents[i].region.area, default=None)
+
+    if (floor := largest("floor")) is not None:
+        return PlaneFrame.across(layout.planes[floor].normal, layout.extents[floor].frame.origin), "floor"
+    level: Level = "ceiling"
+    if (ceiling := largest("ceiling")) is not None:
+        up = -layout.planes[ceiling].normal
+    else:
+        level, up = "walls and cameras", _up_of_walls(scene, layout, seen)
+    corners = np.concatenate([_corners(layout, i) for i in seen])
+    middle = corners.mean(axis=0)
+    return PlaneFrame.across(up, middle + ((corners - middle) @ up).min() * up), level
+
+
+def _up_of_walls(scene: Scene, layout: Layout, seen: Sequence[int]) -> FloatArray:
+    """(3,) the direction that all walls have in common, on the side of the cameras' mean up (their −y)."""
+    walls = [i for i in seen if layout.instances[i].label == "wall"]
+    if not walls:
+        raise GtlayoutError("no floor plan: the layout has no floor, ceiling or wall whose place is known")
+    cameras_up = np.mean([-frame.camera.R_cam_from_world[1] for frame in scene.frames], axis=0)
+    normals = np.stack([layout.planes[i].normal for i in walls])
+    _, strength, axes = np.linalg.svd(np.sqrt([[layout.extents[i].region.area] for i in walls]) * normals)
+    if len(walls) > 1 and strength[1] > _MIN_SINE * strength[0]:
+        return axes[2] * np.copysign(1.0, axes[2] @ cameras_up)
+    # All walls are parallel: what the cameras say, as far as the walls leave it open.
+    level_up: FloatArray = cameras_up - (cameras_up @ axes[0]) * axes[0]
+    if np.linalg.norm(level_up) < _MIN_SINE:
+        raise GtlayoutError("no floor plan: nothing in the layout tells which way is up")
+    return level_up / np.linalg.norm(level_up)
+
+
+def _footprint(layout: Layout, i: int, frame: PlaneFrame) -> Footprint | None:
+    """Where an upright wall, door or window meets the floor plane; None for other surfaces."""
+    instance, plane = layout.instances[i], layout.planes[i]
+    across = frame.axes @ plane.normal
+    sine = float(np.linalg.norm(across))
+    if instance.label not in ("wall", *OPENINGS) or sine < UPRIGHT_SINE:
+        return None
+    inside = across / sine
+    foot = -(plane.normal @ frame.origin + plane.d) / sine * inside
+    along = np.array([inside[1], -inside[0]])
+    pieces = []
+    for piece in layout.extents[i].region.geoms:
+        reach = (frame.to_plane(layout.extents[i].frame.to_world(shapely.get_coordinates(piece))) - foot) @ along
+        pieces.append((float(reach.min()), float(reach.max())))
+    merged = _union(pieces)
+    first, last = merged[0, 0], merged[-1, 1]
+    ends = foot + np.outer([first, last], along)
+    return Footprint(instance.name, instance.label, ends, inside, merged - first, np.empty((0, 2)))
+
+
+def _on_line(opening: Footprint, wall: Footprint) -> Footprint:
+    """The opening dropped onto its wall's line."""
+    along = (wall.ends[1] - wall.ends[0]) / max(wall.length, 1e-300)
+    first, last = np.sort((opening.ends - wall.ends[0]) @ along)
+    ends = wall.ends[0] + np.outer([first, last], along)
+    return replace(opening, ends=ends, inside=wall.inside, drawn=np.array([[0.0, last - first]]))
+
+
+def _join_corners(walls: Sequence[Footprint]) -> list[Footprint]:
+    """Walls that nearly reach their lines' intersection end there."""
+    if not walls:
+        return []
+    every = np.concatenate([wall.ends for wall in walls])
+    reach = CORNER_SHARE * float(np.linalg.norm(np.ptp(every, axis=0)))
+    joined = []
+    for wall in walls:
+        ends = wall.ends.copy()
+        for e in range(2):
+            corners = [c for other in walls if (c := _corner(wall, other)) is not None and _gap(other, c) < reach]
+            near = min(corners, key=lambda c: float(np.linalg.norm(c - wall.ends[e])), default=None)
+            if near is not None and np.linalg.norm(near - wall.ends[e]) < reach:
+                ends[e] = near
+        along = (wall.ends[1] - wall.ends[0]) / max(wall.length, 1e-300)
+        first, last = (ends - wall.ends[0]) @ along
+        drawn = wall.drawn.copy()
+        drawn[0, 0], drawn[-1, 1] = first, last
+        joined.append(replace(wall, ends=ends, drawn=drawn - first) if first < last else wall)
+    return joined
+
+
+def _corner(one: Footprint, other: Footprint) -> FloatArray | None:
+    """(2,) where two lines cross; None when they are nearly parallel."""
+    normals = np.stack([one.inside, other.inside])
+    if abs(np.linalg.det(normals)) < _MIN_SINE:
+        return None
+    crossing: FloatArray = np.linalg.solve(normals, [one.inside @ one.ends[0], other.inside @ other.ends[0]])
+    return crossing
+
+
+def _gap(wall: Footprint, point: FloatArray) -> float:
+    """From a point to the nearer end."""
+    return float(np.linalg.norm(wall.ends - point, axis=1).min())
+
+
+def _without(wall: Footprint, openings: Sequence[Footprint]) -> Footprint:
+    """The wall with gaps where its doors and windows are."""
+    along = (wall.ends[1] - wall.ends[0]) / max(wall.length, 1e-300)
+    drawn = [(float(a), float(b)) for a, b in wall.drawn]
+    for opening in openings:
+        low, high = np.sort((opening.ends - wall.ends[0]) @ along)
+        drawn = [part for a, b in drawn for part in ((a, min(b, low)), (max(a, high), b)) if part[0] < part[1]]
+    return replace(wall, drawn=np.array(drawn).reshape(-1, 2))
+
+
+def _with_band(wall: Footprint, layout: Layout, i: int, frame: PlaneFrame) -> Footprint:
+    points = wall.at(np.linspace(0.0, wall.length, _BAND_POINTS))
+    sigma = layout.planes[i].sigma_offset(frame.to_world(points))
+    if not np.isfinite(sigma).all():
+        return wall
+    reach = np.minimum(BAND_SIGMAS * sigma, MAX_BAND_SHARE * wall.length)[:, None] * wall.inside
+    return replace(wall, band=np.concatenate([points + reach, (points - reach)[::-1]]))
+
+
+def _along_longest_wall(frame: PlaneFrame, lines: Sequence[Footprint]) -> PlaneFrame:
+    """The frame turned so that the longest wall is level, with the room below it, and the origin is unchanged."""
+    walls = [line for line in lines if line.label == "wall"]
+    if not walls:
+        return frame
+    down = max(walls, key=lambda wall: wall.length).inside
+    turn = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
+    return PlaneFrame(frame.origin, turn @ frame.axes)
+
+
+def _dropped(layout: Layout, i: int, frame: PlaneFrame) -> MultiPolygon:
+    own = layout.extents[i].frame
+    return polygons(shapely.transform(layout.extents[i].region, lambda uv: frame.to_plane(own.to_world(uv))))
+
+
+def _corners(layout: Layout, i: int) -> FloatArray:
+    extent = layout.extents[i]
+    return extent.frame.to_world(shapely.get_coordinates(extent.region))
+
+
+def _union(intervals: Sequence[tuple[float, float]]) -> FloatArray:
+    """(N, 2) disjoint, in order."""
+    merged: list[list[float]] = []
+    for low, high in sorted(intervals):
+        if merged and low <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], high)
+        else:
+            merged.append([low, high])
+    return np.array(merged)
