@@ -37,7 +37,7 @@ def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None
 
 
 def save(solution: Solution, results: str | PathLike[str]) -> None:
-    """Write layout.json, layout.glb, layout.ply, quality.json, config.json, timings.json and, where refined, cameras.json.
+    """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, where refined, cameras.json.
 
     Raises GtlayoutError when the folder ``results`` or the disk does not take them; all files are then as they were.
     """

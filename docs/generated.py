@@ -1,0 +1,112 @@
+"""Pages of reference, written from the code itself."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import griffe
+
+import gtlayout
+from gtlayout.cli import app
+from gtlayout.config import Config
+
+SCHEMA = Path(__file__).parent / "layout.schema.json"
+
+
+def cli() -> str:
+    """Every command of the command line, as its own help has it."""
+    # cyclopts puts the program that runs, which is mkdocs, into the usage.
+    with patch.object(sys, "argv", ["gtlayout"]):
+        text = str(app.generate_docs(output_format="markdown"))
+    # Without its heading and contents: the page has both.
+    return text[text.index("## gtlayout ") :].strip()
+
+
+def configuration() -> str:
+    """Every dataclass of gtlayout/config.py: a heading with its path in ``Config``, and its fields as a table."""
+    module = griffe.load(Config.__module__, search_paths=[str(Path(__file__).parents[1])])
+    parts = []
+    for path, name in [("Config", Config.__name__), *_paths(Config(), "Config")]:
+        described = module.classes[name]
+        rows = [
+            f"| `{field.name}` | `{field.value}` | {_cell(_doc(field))} |"
+            for field in described.attributes.values()
+            if not str(field.value).startswith("field(")  # a configuration within: it has a heading of its own
+        ]
+        parts.append(
+            f"## {path}\n\n`{name}`. {_doc(described)}\n\n| setting | default | |\n|---|---|---|\n" + "\n".join(rows)
+        )
+    return "\n\n".join(parts)
+
+
+def names() -> str:
+    """What ``gtlayout`` offers by itself, in a line."""
+    return ", ".join(f"`{name}`" for name in gtlayout.__all__) + "."
+
+
+def schema() -> str:
+    """Every key of layout.json: a table of the outermost ones, then one of each thing that has keys of its own."""
+    data = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    parts = [_table((name, node) for name, node in data["properties"].items() if not _items(node))]
+    for name, node in data["properties"].items():
+        if inner := _items(node):
+            about = inner.get("description", "") if node.get("type") == "array" else node.get("description", "")
+            many = "[]" if node.get("type") == "array" else ""
+            parts.append(f"## {name}{many}\n\n{about}\n\n{_table(_keys(inner, ''))}")
+    return "\n\n".join(parts)
+
+
+def _paths(value: Any, prefix: str) -> Iterator[tuple[str, str]]:
+    """(dotted path, name of its class) of each configuration within another."""
+    for name, inner in vars(value).items():
+        if type(inner).__module__ == Config.__module__:
+            yield f"{prefix}.{name}", type(inner).__name__
+            yield from _paths(inner, f"{prefix}.{name}")
+
+
+def _doc(described: griffe.Object) -> str:
+    return described.docstring.value if described.docstring else ""
+
+
+def _cell(text: str) -> str:
+    """On one line, and without ends of columns."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _items(node: dict[str, Any]) -> dict[str, Any] | None:
+    """Of an object, or of a list of objects, the one that has the keys."""
+    inner = node.get("items", node)
+    return inner if "properties" in inner else None
+
+
+def _keys(node: dict[str, Any], prefix: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(dotted path, what is said of it) of each key within."""
+    for name, value in node["properties"].items():
+        many = "[]" if value.get("type") == "array" else ""
+        if inner := _items(value):
+            yield from _keys(inner, f"{prefix}{name}{many}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _table(rows: Iterable[tuple[str, dict[str, Any]]]) -> str:
+    lines = [f"| `{path}` | `{_type(node)}` | {_cell(node.get('description', ''))} |" for path, node in rows]
+    return "\n".join(["| key | type | |", "|---|---|---|", *lines])
+
+
+def _type(node: dict[str, Any]) -> str:
+    """In short: ``number or null``, ``number[4][4]``, ``"ok" or "weak"``."""
+    if "const" in node or "enum" in node:
+        return " or ".join(json.dumps(value) for value in node.get("enum", [node.get("const")]))
+    if "anyOf" in node:
+        return " or ".join(_type(each) for each in node["anyOf"])
+    if node["type"] == "array":
+        inner = _type(node["items"])
+        length = node["minItems"] if node.get("minItems") == node.get("maxItems", object()) else ""
+        return f"({inner})[{length}]" if " " in inner and "[" not in inner else f"{inner}[{length}]"
+    return node["type"] if isinstance(node["type"], str) else " or ".join(node["type"])
