@@ -1,6 +1,6 @@
 # make demo: see a room reconstructed.   make test: every check the project has.
 # Both share .venv; it is rebuilt only when pyproject.toml or constraints.txt change. The tests also read files made by real
-# annotation tools, which live in .venv-tools.
+# annotation tools, which live in .venv-tools, and have glTF files judged by Khronos's validator, if npm is there.
 
 PYTHON ?= python3
 VENV := .venv
@@ -8,19 +8,21 @@ BIN := $(VENV)/bin
 ROOM := examples/room
 INPUTS := pyproject.toml constraints.txt
 TOOLS := .venv-tools
+VALIDATOR := tests/tools/node
 
 .PHONY: demo test clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gtlayout solve $(ROOM)
 	$(BIN)/gtlayout evaluate $(ROOM)
-	@echo "Results: $(ROOM)/gtlayout/ (layout.glb opens in any 3D viewer; layout.json holds the planes and their covariances)"
+	$(BIN)/gtlayout report $(ROOM)
+	@echo "Results: $(ROOM)/gtlayout/ (report.html opens in any browser, layout.glb in any 3D viewer; layout.json holds the planes)"
 
-test: $(VENV)/.installed-dev $(TOOLS)/.installed
+test: $(VENV)/.installed-dev $(TOOLS)/.installed $(VALIDATOR)/node_modules
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # The interpreter is checked by name so that an old one gets a sentence, not pip's traceback.
 $(BIN)/pip:
@@ -41,5 +43,10 @@ $(TOOLS)/.installed: tests/tools/requirements.txt | $(BIN)/pip
 	$(TOOLS)/bin/pip install --quiet --disable-pip-version-check --requirement tests/tools/requirements.txt
 	@touch $@
 
+$(VALIDATOR)/node_modules: $(VALIDATOR)/package.json
+	@if command -v npm > /dev/null; then \
+		cd $(VALIDATOR) && npm install --no-package-lock --no-audit --no-fund --ignore-scripts --loglevel=error && touch node_modules; \
+	else echo "npm is not there: glTF files are not judged by Khronos's validator" >&2; fi
+
 clean:
-	rm -rf $(VENV) $(TOOLS) build *.egg-info .mypy_cache .pytest_cache .ruff_cache $(ROOM)/gtlayout
+	rm -rf $(VENV) $(TOOLS) $(VALIDATOR)/node_modules build *.egg-info .mypy_cache .pytest_cache .ruff_cache $(ROOM)/gtlayout
