@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Route, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Dialog, Page, Route, sync_playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
 _FLAGS = (
@@ -39,7 +39,9 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture
 def problems() -> list[str]:
-    """What went wrong in ``page`` so far: errors on its console, exceptions, requests that leave this machine."""
+    """What went wrong in ``page`` so far: errors on its console, exceptions, dialogs, requests that would
+    leave this machine.
+    """
     return []
 
 
@@ -59,10 +61,15 @@ def page(chromium: Browser, problems: list[str]) -> Iterator[Page]:
         if message.type == "error":
             problems.append(f"console: {message.text}")
 
+    def dismiss(dialog: Dialog) -> None:
+        problems.append(f"dialog: {dialog.message}")
+        dialog.dismiss()
+
     context = chromium.new_context(viewport={"width": 1280, "height": 900})
     context.route("**/*", local_only)
     shown = context.new_page()
     shown.on("console", listen)
+    shown.on("dialog", dismiss)
     shown.on("pageerror", lambda error: problems.append(f"exception: {error}"))
     yield shown
     context.close()

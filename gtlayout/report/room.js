@@ -90,7 +90,8 @@ function layout() {
   };
 }
 
-const draw = () => Plotly.react(view, traces(), layout(), { displaylogo: false, responsive: true, displayModeBar: false });
+// Nothing before plotly has been read: then it draws what has been chosen by then.
+const draw = () => window.Plotly?.react(view, traces(), layout(), { responsive: true, displayModeBar: false });
 
 for (const button of document.querySelectorAll("button[data-mode]")) {
   button.addEventListener("click", () => {
@@ -106,14 +107,22 @@ for (const button of document.querySelectorAll("button[data-mode]")) {
 for (const id of ["cut-away", "show-dimensions", "show-path"]) document.getElementById(id).addEventListener("change", draw);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
 
-draw().then(() => {
-  view.dataset.drawn = "yes";
-  view.on("plotly_relayout", (change) => {
-    const camera = change["scene.camera"];
-    if (!camera) return;
-    const sides = () => room.surfaces.map(seenFromInside).join();
-    const before = sides();
-    eye = ["x", "y", "z"].map((axis) => camera.eye[axis]);
-    if (sides() !== before) draw();
+function start() {
+  const script = document.createElement("script");
+  script.textContent = document.getElementById("plotly-source").textContent;
+  document.head.append(script);
+  draw().then(() => {
+    view.dataset.drawn = "yes";
+    view.on("plotly_relayout", (change) => {
+      const camera = change["scene.camera"];
+      if (!camera) return;
+      const sides = () => room.surfaces.map(seenFromInside).join();
+      const before = sides();
+      eye = ["x", "y", "z"].map((axis) => camera.eye[axis]);
+      if (sides() !== before) draw();
+    });
   });
-});
+}
+
+// plotly is large: the page is to be read before it has been, so it runs after the first picture of the page.
+requestAnimationFrame(() => setTimeout(start));
