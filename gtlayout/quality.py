@@ -173,7 +173,7 @@ def _judge(
     if not plane.observable:
         why = causes(instance, plane, config)
         return InstanceQuality(iou, np.nan, np.nan, np.nan, "unobservable", plane.note, why)
-    sigma_depth, depth = _depth_at_centroid(scene, instance, plane)
+    sigma_depth, depth = depth_at_centroid(scene, instance, plane)
     sigma_normal_deg = plane.sigma_normal_deg
     wrong = [f"IoU below {config.accept_iou:g}"] if iou < config.accept_iou else []
     uncertain = [plane.note] if plane.note else []
@@ -199,7 +199,7 @@ def centroid_of_largest(scene: Scene, instance: Instance) -> tuple[Camera, Float
     return scene.frame_of(k).camera, np.array([[centroid.x, centroid.y]])
 
 
-def _depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
+def depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
     """σ of the depth, and the depth, where the plane is seen through the centroid of the largest annotated polygon."""
     sigma, depth = _sigma_depth(plane, *centroid_of_largest(scene, instance))
     return float(sigma[0]), float(depth[0])

@@ -17,6 +17,7 @@ import trimesh
 import gtlayout.method
 from gtlayout import __version__
 from gtlayout.cli import main
+from gtlayout.export import EXPORTERS
 from gtlayout.io import load_scene
 from gtlayout.io.layout_files import read_layout
 
@@ -227,6 +228,32 @@ def test_usage_errors_exit_with_2(arguments: list[str], capfd: pytest.CaptureFix
     printed = capfd.readouterr()
     assert printed.out == ""
     assert printed.err
+
+
+def test_export_in_every_format(room: Path, solved: tuple[Path, str], tmp_path: Path) -> None:
+    out = solved[0]
+    for to, exporter in EXPORTERS.items():
+        if exporter.needs is None:
+            path = tmp_path / f"{to}_0{exporter.suffix}"
+            assert main(["export", str(room), "--to", to, "--layout", str(out), "--out", str(path)]) == 0
+            assert path.is_dir() if exporter.suffix == "" else path.stat().st_size > 0
+    for name in ("glb", "ply"):
+        assert (tmp_path / f"{name}_0.{name}").read_bytes() == (out / f"layout.{name}").read_bytes()
+
+
+def test_export_goes_beside_the_layout(room: Path, solved: tuple[Path, str], tmp_path: Path) -> None:
+    shutil.copy(solved[0] / "layout.json", tmp_path)
+    done = run("export", room, "--to", "svg", "--layout", tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"Export: {tmp_path / 'floor_plan.svg'}\n", "")
+    assert {path.name for path in tmp_path.iterdir()} == {"layout.json", "floor_plan.svg"}
+
+
+def test_export_without_a_layout_or_format(room: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(room), "--to", "glb", "--layout", str(tmp_path)]) == 1
+    assert capfd.readouterr().err.startswith("gtlayout: cannot read")
+    assert main(["export", str(room), "--layout", str(tmp_path)]) == 2
+    assert main(["export", str(room), "--to", "max", "--layout", str(tmp_path)]) == 2
+    assert not list(tmp_path.iterdir())
 
 
 def test_evaluate_without_a_layout(room: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

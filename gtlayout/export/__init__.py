@@ -12,7 +12,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
-Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf"]
+Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf", "ifc", "usd", "scenescript"]
 Writer = Callable[[Path, Scene, Layout], None]
 """Writes a layout, and what of its scene the format holds, to a file or a new folder: all of it or nothing.
 
@@ -54,6 +54,9 @@ EXPORTERS: dict[Format, Exporter] = {
     "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
     "svg": Exporter("floor_plan.svg", "gtlayout.export.svg"),
     "dxf": Exporter("floor_plan.dxf", "gtlayout.export.dxf"),
+    "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
+    "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),
+    "scenescript": Exporter("scene_language.txt", "gtlayout.export.scenescript"),
 }
 
 

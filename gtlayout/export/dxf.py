@@ -15,7 +15,8 @@ from ezdxf.layouts import Modelspace
 
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import FloorPlan, floor_plan
-from gtlayout.export.plan_drawing import TICK_MM, UPRIGHT_DEG, Drawing, Layer, Measure, draw
+from gtlayout.export.plan_drawing import TICK_MM, Drawing, Layer, Measure, draw
+from gtlayout.export.plan_labels import upright
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
@@ -27,7 +28,7 @@ BY_LAYER = 256
 TRANSPARENCY = 0.7
 DASHES_MM = (2.0, 1.2)
 LAYERS: dict[Layer, tuple[int, int]] = {
-    "floor": (33, 13),
+    "floor": (31, 13),
     "sigma": (151, 13),
     "slanted": (193, 25),
     "walls": (7, 70),
@@ -95,16 +96,16 @@ def _document(plan: FloorPlan, drawing: Drawing) -> Document:
 def _add_dimension(msp: Modelspace, measure: Measure, mm: float) -> None:
     along = measure.ends[1] - measure.ends[0]
     angle = float(np.rad2deg(np.arctan2(along[1], along[0])))
-    # Upright, or read from the right; its points in the text's direction, which puts the text above the line.
-    upright = (angle + UPRIGHT_DEG) % 180.0 - UPRIGHT_DEG
-    first, second = measure.origins if abs(upright - angle) < 90.0 else measure.origins[::-1]
+    # Points in the text's direction put the text above the line.
+    readable = upright(angle)
+    first, second = measure.origins if abs(readable - angle) < 90.0 else measure.origins[::-1]
     sizes = {"dimtxt": measure.height, "dimtsz": TICK_MM * mm, "dimgap": mm, "dimexo": 2 * mm, "dimexe": mm}
-    colors = {"dimclrd": BY_LAYER, "dimclre": BY_LAYER, "dimclrt": BY_LAYER}
+    colors = dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), LAYERS["dimensions"][0])
     msp.add_linear_dim(
         base=measure.ends[0].tolist(),
         p1=first.tolist(),
         p2=second.tolist(),
-        angle=upright,
+        angle=readable,
         text=measure.text,
         override={**sizes, **colors, "dimtad": 1, "dimtxsty": TEXT_STYLE, "dimscale": 1.0},
         dxfattribs={"layer": "DIMENSIONS"},

@@ -14,22 +14,20 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from gtlayout.dimensions import MAX_ANGLE_DEG
 from gtlayout.errors import GtlayoutError
+from gtlayout.export.floor_level import MIN_SINE, Level, floor_frame
 from gtlayout.extent import polygons
 from gtlayout.layout import Layout, PlaneFrame
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
-Level = Literal["floor", "ceiling", "walls and cameras"]
-UPRIGHT_SINE = 0.5
-"""A plane less steep than 30° has no line on the floor that says where it is: it is drawn by its outline."""
+UPRIGHT_SINE = float(np.sin(np.deg2rad(60.0)))
+"""What is less steep is no wall in a plan: its line on the floor may lie far from it, so it is drawn by its outline."""
 CORNER_SHARE = 0.02
 """Walls whose ends come this near their lines' intersection, as a share of the plan's size, meet there (6 m: 12 cm)."""
 BAND_SIGMAS = 2.0
 MAX_BAND_SHARE = 0.5
 """A band reaches no further to either side than this share of its wall's length: beyond, it says no more."""
 _BAND_POINTS = 9
-_MIN_SINE = float(np.sin(np.deg2rad(MAX_ANGLE_DEG)))
 
 
 @dataclass(frozen=True)
@@ -88,9 +86,9 @@ class FloorPlan:
     """What the floor plane was taken from."""
     walls: tuple[Footprint, ...]
     openings: tuple[Footprint, ...]
-    """On the line of their wall; on their own plane's where they have none."""
+    """On the line of their wall; on their own plane's where they have no host."""
     outlines: tuple[Outline, ...]
-    """Floors and slanted surfaces."""
+    """Floors, slanted surfaces, and windows in these."""
     dimensions: tuple[PlanDimension, ...]
     metric: bool
 
@@ -106,20 +104,19 @@ class FloorPlan:
 def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
     """The plan of a layout. Planes that nothing places, and ceilings, are not in it.
 
-    The floor plane is that of the largest floor. Without one, it is parallel to the largest ceiling; without either,
-    upright on the walls, with the side that the cameras have up: then it passes through the layout's lowest point.
-    Raises GtlayoutError when there is no floor, ceiling or wall whose place is known.
+    Raises GtlayoutError when there is nothing to draw, or nothing that tells which way is up.
     """
     seen = [i for i, plane in enumerate(layout.planes) if plane.observable and not layout.extents[i].region.is_empty]
-    frame, level = _floor_frame(scene, layout, seen)
+    frame, level = floor_frame(scene, layout, seen)
     frame = _along_longest_wall(frame, [f for i in seen if (f := _footprint(layout, i, frame))])
     lines = {i: line for i in seen if (line := _footprint(layout, i, frame))}
     walls = {i: line for i, line in lines.items() if line.label not in OPENINGS}
+    hosts = {i: layout.instances[i].host for i in lines if i not in walls}
     openings = {
-        i: _on_line(lines[i], walls[host] if (host := layout.instances[i].host) in walls else lines[i])
-        for i in lines.keys() - walls.keys()
+        i: lines[i] if host is None else _on_line(lines[i], walls[host])
+        for i, host in hosts.items()
+        if host is None or host in walls
     }
-    openings = dict(sorted(openings.items()))
     joined = dict(zip(walls, _join_corners(tuple(walls.values())), strict=True))
     cut = [
         _with_band(
@@ -130,8 +127,10 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
     outlines = tuple(
         Outline(layout.instances[i].name, layout.instances[i].label, _dropped(layout, i, frame))
         for i in seen
-        if layout.instances[i].label == "floor" or (layout.instances[i].label in ("wall", "slanted") and i not in walls)
+        if layout.instances[i].label != "ceiling" and i not in walls and i not in openings
     )
+    if not (lines or outlines):
+        raise GtlayoutError("no floor plan: the layout has no wall, floor or slanted surface whose place is known")
     names = [instance.name for instance in layout.instances]
     dimensions = tuple(
         PlanDimension(
@@ -140,42 +139,6 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
         for one in layout.dimensions
     )
     return FloorPlan(frame, level, tuple(cut), tuple(openings.values()), outlines, dimensions, layout.metric)
-
-
-def _floor_frame(scene: Scene, layout: Layout, seen: Sequence[int]) -> tuple[PlaneFrame, Level]:
-    """The plan's plane, with any direction for its axes."""
-
-    def largest(label: Label) -> int | None:
-        found = [i for i in seen if layout.instances[i].label == label]
-        return max(found, key=lambda i: layout.extents[i].region.area, default=None)
-
-    if (floor := largest("floor")) is not None:
-        return PlaneFrame.across(layout.planes[floor].normal, layout.extents[floor].frame.origin), "floor"
-    level: Level = "ceiling"
-    if (ceiling := largest("ceiling")) is not None:
-        up = -layout.planes[ceiling].normal
-    else:
-        level, up = "walls and cameras", _up_of_walls(scene, layout, seen)
-    corners = np.concatenate([_corners(layout, i) for i in seen])
-    middle = corners.mean(axis=0)
-    return PlaneFrame.across(up, middle + ((corners - middle) @ up).min() * up), level
-
-
-def _up_of_walls(scene: Scene, layout: Layout, seen: Sequence[int]) -> FloatArray:
-    """(3,) the direction that all walls have in common, on the side of the cameras' mean up (their −y)."""
-    walls = [i for i in seen if layout.instances[i].label == "wall"]
-    if not walls:
-        raise GtlayoutError("no floor plan: the layout has no floor, ceiling or wall whose place is known")
-    cameras_up = np.mean([-frame.camera.R_cam_from_world[1] for frame in scene.frames], axis=0)
-    normals = np.stack([layout.planes[i].normal for i in walls])
-    _, strength, axes = np.linalg.svd(np.sqrt([[layout.extents[i].region.area] for i in walls]) * normals)
-    if len(walls) > 1 and strength[1] > _MIN_SINE * strength[0]:
-        return axes[2] * np.copysign(1.0, axes[2] @ cameras_up)
-    # All walls are parallel: what the cameras say, as far as the walls leave it open.
-    level_up: FloatArray = cameras_up - (cameras_up @ axes[0]) * axes[0]
-    if np.linalg.norm(level_up) < _MIN_SINE:
-        raise GtlayoutError("no floor plan: nothing in the layout tells which way is up")
-    return level_up / np.linalg.norm(level_up)
 
 
 def _footprint(layout: Layout, i: int, frame: PlaneFrame) -> Footprint | None:
@@ -231,7 +194,7 @@ def _join_corners(walls: Sequence[Footprint]) -> list[Footprint]:
 def _corner(one: Footprint, other: Footprint) -> FloatArray | None:
     """(2,) where two lines cross; None when they are nearly parallel."""
     normals = np.stack([one.inside, other.inside])
-    if abs(np.linalg.det(normals)) < _MIN_SINE:
+    if abs(np.linalg.det(normals)) < MIN_SINE:
         return None
     crossing: FloatArray = np.linalg.solve(normals, [one.inside @ one.ends[0], other.inside @ other.ends[0]])
     return crossing
@@ -274,11 +237,6 @@ def _along_longest_wall(frame: PlaneFrame, lines: Sequence[Footprint]) -> PlaneF
 def _dropped(layout: Layout, i: int, frame: PlaneFrame) -> MultiPolygon:
     own = layout.extents[i].frame
     return polygons(shapely.transform(layout.extents[i].region, lambda uv: frame.to_plane(own.to_world(uv))))
-
-
-def _corners(layout: Layout, i: int) -> FloatArray:
-    extent = layout.extents[i]
-    return extent.frame.to_world(shapely.get_coordinates(extent.region))
 
 
 def _union(intervals: Sequence[tuple[float, float]]) -> FloatArray:

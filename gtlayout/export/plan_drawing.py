@@ -14,20 +14,15 @@ import shapely
 
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import BAND_SIGMAS, FloorPlan, Footprint, PlanDimension
+from gtlayout.export.plan_labels import SMALL_TEXT_MM, TEXT_MM, Text, labels
 from gtlayout.scene import FloatArray
 
 Layer = Literal["floor", "sigma", "slanted", "walls", "doors", "windows", "dimensions", "labels", "notes"]
 PAPER_MM = (240.0, 140.0)
 """What the plan itself may take of an A4 page in landscape; labels, dimensions and notes stand around it."""
 SCALES = (10, 20, 25, 50, 100, 200, 500, 1000)
-TEXT_MM = 2.5
-SMALL_TEXT_MM = 2.0
-CHARACTER = 0.62
-"""Mean width of a character of a sans-serif face, of its height."""
-OPENING_LABEL_MM, WALL_LABEL_MM, DIMENSION_MM, NEXT_DIMENSION_MM = 2.0, 6.5, 13.0, 7.0
-"""Distances outwards: of the first row of labels from the wall, of the second, of dimension lines from everything."""
-UPRIGHT_DEG = 75.0
-"""Texts fall to the right by no more than this."""
+DIMENSION_MM, NEXT_DIMENSION_MM = 6.5, 7.0
+"""Distances of dimension lines: from everything, and from one another."""
 WINDOW_MM, TICK_MM, NOTES_MM, LINE_MM = 0.8, 1.0, 12.0, 4.5
 
 
@@ -63,19 +58,6 @@ class Arc:
     radius: float
     start_deg: float
     end_deg: float
-
-
-@dataclass(frozen=True)
-class Text:
-    """Centred about a point, or beginning there."""
-
-    layer: Layer
-    text: str
-    at: FloatArray
-    height: float
-    """Of its capitals, world unit."""
-    angle_deg: float = 0.0
-    centred: bool = True
 
 
 @dataclass(frozen=True)
@@ -121,8 +103,9 @@ def draw(plan: FloorPlan) -> Drawing:
         signs, swing = _door(plan, opening) if opening.label == "door" else _window(opening, mm)
         lines += signs
         arcs += swing
-    texts = _labels(plan, mm)
-    low, high = plan.bounds + np.array([[-1.0], [1.0]]) * (WALL_LABEL_MM + TEXT_MM) * mm
+    texts = labels(plan, mm)
+    corners = np.concatenate([plan.bounds, *(shapely.get_coordinates(text.box) for text in texts)])
+    low, high = corners.min(axis=0), corners.max(axis=0)
     measures = _measures(plan, low, high, mm)
     for measure in measures:
         low = np.minimum(low, measure.ends.min(axis=0) - LINE_MM * mm)
@@ -131,7 +114,7 @@ def draw(plan: FloorPlan) -> Drawing:
     lines += bar
     texts += notes
     low = np.minimum(low, np.array([notes[-1].at[0], notes[-1].at[1] - LINE_MM * mm]))
-    high[0] = max(high[0], *(one.at[0] + _width(one.text, one.height) for one in notes))
+    high[0] = max(high[0], *(one.box.bounds[2] for one in notes))
     return Drawing(
         mm_per_unit,
         scale,
@@ -190,23 +173,6 @@ def _window(window: Footprint, mm: float) -> tuple[list[Line], list[Arc]]:
     return [Line("windows", points, window.name) for points in (*panes, *caps)], []
 
 
-def _labels(plan: FloorPlan, mm: float) -> list[Text]:
-    """Names and lengths outside the room: openings in the row by the wall, walls in the next."""
-    texts = []
-    rows = [(wall, WALL_LABEL_MM, TEXT_MM) for wall in plan.walls]
-    rows += [(opening, OPENING_LABEL_MM, SMALL_TEXT_MM) for opening in plan.openings]
-    for one, distance_mm, height_mm in rows:
-        along = one.ends[1] - one.ends[0]
-        angle = float(np.rad2deg(np.arctan2(along[1], along[0])))
-        # Upright, or nearly so, or read from the right.
-        angle = (angle + UPRIGHT_DEG) % 180.0 - UPRIGHT_DEG
-        long = f"{one.name} {one.length:.2f}{' m' if plan.metric else ''}"
-        text = long if _width(long, height_mm * mm) <= one.length else one.name
-        middle = one.ends.mean(axis=0) - (distance_mm + height_mm / 2) * mm * one.inside
-        texts.append(Text("labels", text, middle, height_mm * mm, angle))
-    return texts
-
-
 def _measures(plan: FloorPlan, low: FloatArray, high: FloatArray, mm: float) -> list[Measure]:
     """Dimension lines beside the plan: those across the page below it, the others to its left, the shortest nearest."""
     ends_of = {wall.name: wall.ends for wall in plan.walls}
@@ -221,7 +187,7 @@ def _measures(plan: FloorPlan, low: FloatArray, high: FloatArray, mm: float) -> 
         outward = np.array([-across[1], across[0]])
         outward = outward if outward[side] < 0 else -outward
         out = max(float((corner - one.ends.mean(axis=0)) @ outward) for corner in _box(low, high))
-        line = one.ends + (out + (DIMENSION_MM - WALL_LABEL_MM + rows[side] * NEXT_DIMENSION_MM) * mm) * outward
+        line = one.ends + (out + (DIMENSION_MM + rows[side] * NEXT_DIMENSION_MM) * mm) * outward
         rows[side] += 1
         origins = np.stack([max(ends_of[name], key=lambda end: float(end @ outward)) for name in one.names])
         measures.append(Measure(length_text(one.length, one.sigma, plan.metric), line, origins, TEXT_MM * mm))
@@ -241,7 +207,8 @@ def _notes(plan: FloorPlan, scale: str, low: FloatArray, mm: float) -> tuple[lis
     said = [
         f"height {' – '.join(one.names)}: {length_text(one.length, one.sigma, plan.metric)}" for one in _heights(plan)
     ]
-    said.append(f"Shaded: ± {BAND_SIGMAS:g} σ of each wall's place. Dimensions: ± 1 σ. Lengths without ± are as drawn.")
+    said.append(f"Shaded: ± {BAND_SIGMAS:g} σ of each wall's place, at most half its length.")
+    said.append("Dimensions: ± 1 σ. Lengths without ± are as drawn. Which way a door opens is not known.")
     if plan.level != "floor":
         said.append(f"No floor: level by {plan.level}, at the lowest point that was drawn.")
     said.append(f"Unit: metre, scale {scale}" if scale else f"Unit: {unit(plan.metric)}")
@@ -255,10 +222,6 @@ def _notes(plan: FloorPlan, scale: str, low: FloatArray, mm: float) -> tuple[lis
 
 def _heights(plan: FloorPlan) -> list[PlanDimension]:
     return [one for one in plan.dimensions if one.kind == "height"]
-
-
-def _width(text: str, height: float) -> float:
-    return CHARACTER * len(text) * height
 
 
 def _box(low: FloatArray, high: FloatArray) -> list[FloatArray]:

@@ -9,7 +9,8 @@ import numpy as np
 
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import floor_plan
-from gtlayout.export.plan_drawing import TEXT_MM, TICK_MM, Arc, Area, Drawing, Line, Measure, Text, draw
+from gtlayout.export.plan_drawing import TICK_MM, Arc, Area, Drawing, Line, Measure, draw
+from gtlayout.export.plan_labels import TEXT_MM, Text
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene

@@ -1,0 +1,65 @@
+"""What a layout knows of its elements and of the room, as names and plain values: for formats that carry properties."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gtlayout.export import unit
+from gtlayout.export.upright import z_up_from_world
+from gtlayout.io.files import printable
+from gtlayout.layout import Layout
+from gtlayout.quality import depth_at_centroid
+from gtlayout.scene import FloatArray, Scene
+
+NOT_METRIC = "NOT METRIC: the scene's unit is unknown; every length is in that unit, whatever unit this file names"
+"""What a file says that must name a unit."""
+Fact = bool | float | str
+
+
+def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
+    """What the layout knows of one observable element; what is not known is left out.
+
+    ``sigma_normal_deg``; ``sigma_depth``, as layout.json has it, in the world unit; the plane n·X + d = 0 and the
+    ``covariance_world`` of (n, d), by rows, in the world frame of the input cameras.
+    """
+    instance, plane, extent = layout.instances[index], layout.planes[index], layout.extents[index]
+    sigma_depth, _ = depth_at_centroid(scene, instance, plane)
+    numbers = {
+        "sigma_normal_deg": plane.sigma_normal_deg,
+        "sigma_depth": sigma_depth,
+        "area": float(extent.region.area),
+    }
+    words = {
+        "name": instance.name,
+        "label": instance.label,
+        "note": plane.note,
+        "held_by": plane.support.held_by,
+        "normal_world": _row(plane.normal),
+        "d_world": repr(float(plane.d)),
+        "covariance_world": "; ".join(_row(row) for row in plane.covariance),
+    }
+    return {
+        **{name: value for name, value in numbers.items() if np.isfinite(value)},
+        **{name: printable(value) for name, value in words.items() if value},
+        "metric": layout.metric,
+    }
+
+
+def scene_facts(scene: Scene, layout: Layout) -> dict[str, Fact]:
+    """What the layout knows of the room: its dimensions with σ, what it could not place, and the frame of its files."""
+    measured = {}
+    for d in layout.dimensions:
+        known = f" ± {d.sigma:.2g}" if np.isfinite(d.sigma) else ""
+        between = f"{layout.instances[d.first].name} {layout.instances[d.second].name}"
+        measured[printable(f"{d.kind} {between}")] = f"{d.length:.4g}{known} {unit(layout.metric)}"
+    missing = ", ".join(layout.instances[i].name for i, e in enumerate(layout.extents) if e.region.is_empty)
+    return {
+        "metric": layout.metric,
+        **measured,
+        **({"not_placed": printable(missing)} if missing else {}),
+        "z_up_from_world": "; ".join(_row(row) for row in z_up_from_world(scene, layout)),
+    }
+
+
+def _row(values: FloatArray) -> str:
+    return " ".join(repr(float(value)) for value in values)
