@@ -266,8 +266,8 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
 
 
 def stdout() -> Console:
-    """Prints text as it is, never wrapped: paths and names stay whole in a log."""
-    return Console(highlight=False, markup=False, soft_wrap=True)
+    """Prints text as it is, in notebooks too, and never wrapped: paths and names stay whole in a log."""
+    return Console(highlight=False, markup=False, soft_wrap=True, force_jupyter=False)
 
 
 def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> None:
