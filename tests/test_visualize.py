@@ -210,11 +210,11 @@ def test_browser_draws_the_room(
         page.set_viewport_size({"width": 800, "height": 600})  # less for a software rasterizer to do
         page.goto(address)
         floor = instance_colors(0).astype(int)
-        give_up = time.monotonic() + 60
+        give_up = time.monotonic() + 120
         drawn = 0
         while drawn < 2000 and time.monotonic() < give_up:
             page.wait_for_timeout(1000)
-            shot = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+            shot = cv2.imdecode(np.frombuffer(page.screenshot(timeout=60_000), np.uint8), cv2.IMREAD_COLOR)
             assert shot is not None
             drawn = int((np.abs(shot[..., ::-1].astype(int) - floor).max(axis=2) < 8).sum())
         assert drawn >= 2000, f"{drawn} pixels of the first surface; {problems}"
