@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -14,6 +15,7 @@ import griffe
 import gtlayout
 from gtlayout.cli import app
 from gtlayout.config import Config
+from gtlayout.export import EXPORTERS
 
 SCHEMA = Path(__file__).parent / "layout.schema.json"
 
@@ -29,7 +31,7 @@ def cli() -> str:
 
 def configuration() -> str:
     """Every dataclass of gtlayout/config.py: a heading with its path in ``Config``, and its fields as a table."""
-    module = griffe.load(Config.__module__, search_paths=[str(Path(__file__).parents[1])])
+    module = _parsed(Config.__module__)
     parts = []
     for path, name in [("Config", Config.__name__), *_paths(Config(), "Config")]:
         described = module.classes[name]
@@ -42,6 +44,16 @@ def configuration() -> str:
             f"## {path}\n\n`{name}`. {_doc(described)}\n\n| setting | default | |\n|---|---|---|\n" + "\n".join(rows)
         )
     return "\n\n".join(parts)
+
+
+def exports() -> str:
+    """Every format that layouts are exported to, as a table."""
+    rows = []
+    for name, each in EXPORTERS.items():
+        about, _, _ = _doc(_parsed(each.module)).partition("\n")
+        needs = f"`pip install 'gtlayout[{each.needs}]'`" if each.needs else ""
+        rows.append(f"| `{name}` | `{each.file_name}` | {_cell(about)} | {needs} |")
+    return "\n".join(["| `--to` | writes | | needs |", "|---|---|---|---|", *rows])
 
 
 def names() -> str:
@@ -67,6 +79,14 @@ def _paths(value: Any, prefix: str) -> Iterator[tuple[str, str]]:
         if type(inner).__module__ == Config.__module__:
             yield f"{prefix}.{name}", type(inner).__name__
             yield from _paths(inner, f"{prefix}.{name}")
+
+
+def _parsed(module: str) -> griffe.Module:
+    """The module as text: what it imports may not be installed."""
+    spec = find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    return griffe.visit(module, Path(spec.origin), Path(spec.origin).read_text(encoding="utf-8"))
 
 
 def _doc(described: griffe.Object) -> str:

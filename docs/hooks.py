@@ -4,6 +4,7 @@ A page asks for it by a line of its own:
 
 * ``<!-- cli -->``: every command with its options;
 * ``<!-- configuration -->``: every setting with its default;
+* ``<!-- exports -->``: every format that layouts are exported to;
 * ``<!-- names -->``: what ``gtlayout`` offers to Python by itself;
 * ``<!-- schema -->``: every key of layout.json;
 * ``<!-- README.md: Limitations -->``: what stands under that heading of a file at the top of the repository;
@@ -24,7 +25,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))  # the gtlayout of this checkout, whatever is installed
 
 from formulas import MathExtension, fenced_math  # noqa: E402
-from generated import SCHEMA, cli, configuration, names, schema  # noqa: E402
+from generated import SCHEMA, cli, configuration, exports, names, schema  # noqa: E402
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
@@ -39,10 +40,7 @@ _FOLDER = "docs/pages/"
 _PAGES = {"docs/inputs.md": "inputs/index.md", "CHANGELOG.md": "changelog.md"}
 """Files of the repository that are pages of the site, as are those in docs/pages; others are only named there."""
 _GENERATORS: dict[str, Callable[[], str]] = {
-    "cli": cli,
-    "configuration": configuration,
-    "names": names,
-    "schema": schema,
+    each.__name__: each for each in (cli, configuration, exports, names, schema)
 }
 
 
