@@ -272,7 +272,7 @@ def test_synth_refuses_a_folder_with_something_in_it(tmp_path: Path, capfd: pyte
 
 def test_version_and_help_load_nothing_heavy() -> None:
     assert run("--version").stdout.strip() == __version__
-    assert "annotations.json" in run("solve", "--help").stdout
+    assert "layout.json" in run("solve", "--help").stdout
     heavy = "cv2", "gtsam", "pycolmap", "rerun", "scipy", "trimesh"
     code = f"import sys, gtlayout.cli; print([m for m in {heavy!r} if m in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

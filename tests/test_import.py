@@ -56,9 +56,9 @@ def test_a_scene_in_parts_becomes_one(room: Path, tmp_path: Path) -> None:
     assert [p.name for p in sorted((tmp_path / "out").iterdir())] == [
         "annotations.json", "images", "scene.json", "transforms.json",
     ]  # fmt: skip
+    expected = dict(_planes(scene))
     for name, plane in _planes(imported):
-        expected = dict(_planes(scene))[name]
-        np.testing.assert_allclose(plane, expected, atol=2e-3)  # CVAT keeps two decimals of a pixel
+        np.testing.assert_allclose(plane, expected[name], atol=2e-3)  # CVAT keeps two decimals of a pixel
     for before, after in zip(scene.frames, imported.frames, strict=True):
         assert before.image_path.read_bytes() == after.image_path.read_bytes()
 
