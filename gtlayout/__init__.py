@@ -16,7 +16,7 @@
 array([ 0.,  0., -1.])
 >>> 0 < ceiling.sigma_depth_m < 0.05
 True
->>> layout.trimesh().is_empty
+>>> layout.mesh().is_empty
 False
 >>> labels, depth = layout.render(scene.frames[0].camera)
 >>> labels.shape == depth.shape == (240, 320)

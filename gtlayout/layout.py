@@ -189,21 +189,22 @@ class Layout:
     """Doors and windows have their own: leaves and panes sit back in the wall."""
     extents: tuple[Extent, ...]
     """Empty regions for unobservable planes."""
-    mesh: Mesh
+    triangles: Mesh
+    """Of all extents; ``mesh()`` gives them to trimesh."""
     metric: bool
     """True when world units are metres."""
     dimensions: tuple[Dimension, ...] = ()
     """Heights and widths of the room."""
 
-    def trimesh(self) -> trimesh.Trimesh:
-        """``mesh`` for trimesh: label colours on its faces, ``vertex_attributes["sigma"]`` along the normal.
+    def mesh(self) -> trimesh.Trimesh:
+        """``triangles`` for trimesh: label colours on its faces, ``vertex_attributes["sigma"]`` along the normal.
 
         World frame and unit of the cameras; ``face_attributes["instance"]`` is the index of each face's instance.
         """
         from gtlayout.export.ply import surface
 
         made = surface(self)
-        made.face_attributes["instance"] = self.mesh.face_instance
+        made.face_attributes["instance"] = self.triangles.face_instance
         return made
 
     def render(self, camera: Camera) -> tuple[LabelImage, DepthImage]:

@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import trimesh
 
 from gtlayout.camera_refinement import CameraReport, refine_cameras
 from gtlayout.config import Config
@@ -21,11 +22,13 @@ from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
 from gtlayout.extent import compute_extents
-from gtlayout.layout import Layout, Plane
+from gtlayout.layout import Instance, Layout, Plane
 from gtlayout.mesh import build_mesh
 from gtlayout.quality import Quality, assess
+from gtlayout.raster import LabelImage
 from gtlayout.regroup import regroup
-from gtlayout.scene import IntArray, Scene
+from gtlayout.render import DepthImage
+from gtlayout.scene import Camera, IntArray, Scene
 from gtlayout.tracking import Tracks, track
 from gtlayout.triangulation import triangulate
 from gtlayout.visualize import Observer
@@ -52,6 +55,24 @@ class Solution:
     """What refining the cameras came to; None when that was not asked for."""
     config: Config = field(default_factory=Config)
     """What it was solved with."""
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """The layout's: who asks for nothing else may take a solution for its layout."""
+        return self.layout.planes
+
+    @property
+    def instances(self) -> tuple[Instance, ...]:
+        """The layout's."""
+        return self.layout.instances
+
+    def mesh(self) -> trimesh.Trimesh:
+        """See ``Layout.mesh``."""
+        return self.layout.mesh()
+
+    def render(self, camera: Camera) -> tuple[LabelImage, DepthImage]:
+        """See ``Layout.render``."""
+        return self.layout.render(camera)
 
 
 @dataclass
@@ -155,7 +176,7 @@ def with_sigma_depth(planes: Sequence[Plane], quality: Quality, metric: bool) ->
 def _show(solution: Solution, observer: Observer) -> None:
     observer.estimate(solution.estimate)
     observer.extents(solution.layout.extents)
-    observer.mesh(solution.layout.mesh)
+    observer.mesh(solution.layout.triangles)
     observer.quality(solution.layout, solution.quality)
 
 

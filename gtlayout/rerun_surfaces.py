@@ -39,7 +39,7 @@ def log_uncertainty(recording: rr.RecordingStream, scene: Scene, layout: Layout)
     """Each surface coloured by its own σ along its normal, translucent copies of it one σ to either side, and the
     dimensions.
     """
-    mesh = layout.mesh
+    mesh = layout.triangles
     full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
     for index, (instance, plane) in enumerate(zip(layout.instances, layout.planes, strict=True)):
         faces = mesh.faces[mesh.face_instance == index]

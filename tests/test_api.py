@@ -43,7 +43,7 @@ def depth_error(folder: str) -> float:
     assert_type(layout, gtlayout.Layout)
     assert_type(layout.planes[0].normal, npt.NDArray[np.float64])
     assert_type(layout.planes[0].sigma_depth_m, float)
-    assert_type(layout.trimesh(), trimesh.Trimesh)
+    assert_type(layout.mesh(), trimesh.Trimesh)
     labels, depth = layout.render(scene.frames[0].camera)
     assert_type(labels, npt.NDArray[np.int32])
     assert_type(depth, npt.NDArray[np.float32])
@@ -72,9 +72,9 @@ def example(room: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, A
 
 def test_mesh_is_that_of_the_layout(example: dict[str, Any]) -> None:
     layout = example["solution"].layout
-    mesh = layout.trimesh()
-    np.testing.assert_array_equal(mesh.vertices, layout.mesh.vertices)
-    np.testing.assert_array_equal(mesh.face_attributes["instance"], layout.mesh.face_instance)
+    mesh = layout.mesh()
+    np.testing.assert_array_equal(mesh.vertices, layout.triangles.vertices)
+    np.testing.assert_array_equal(mesh.face_attributes["instance"], layout.triangles.face_instance)
     ceiling = (mesh.face_attributes["instance"] == 0) & (mesh.area_faces > 1e-4)
     np.testing.assert_allclose(mesh.face_normals[ceiling] @ layout.planes[0].normal, 1, atol=1e-6)
     assert len(mesh.vertex_attributes["sigma"]) == len(mesh.vertices)
@@ -86,6 +86,16 @@ def test_rendering_shows_the_planes(example: dict[str, Any]) -> None:
     rows, columns = np.nonzero(labels == 0)
     points = camera.center_world + depth[rows, columns, None] * camera.rays_world(np.stack([columns, rows], 1) + 0.5)
     np.testing.assert_allclose(points @ layout.planes[0].normal + layout.planes[0].d, 0, atol=1e-5)
+
+
+def test_a_solution_can_be_taken_for_its_layout(example: dict[str, Any]) -> None:
+    solution = example["solution"]
+    assert solution.planes is solution.layout.planes
+    assert solution.instances is solution.layout.instances
+    np.testing.assert_array_equal(solution.mesh().vertices, solution.layout.triangles.vertices)
+    camera = solution.scene.frames[0].camera
+    for one, other in zip(solution.render(camera), solution.layout.render(camera), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_what_is_saved_is_what_the_command_line_writes(example: dict[str, Any], tmp_path: Path) -> None:

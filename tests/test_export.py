@@ -122,7 +122,7 @@ def test_ply_holds_the_same_planes_and_areas(tmp_path: Path, room: tuple[Scene, 
     export_layout(tmp_path / "a.ply", scene, layout, "ply")
     surface = trimesh.load_mesh(tmp_path / "a.ply", process=False)
     for i, instance in enumerate(layout.instances):
-        own = layout.mesh.face_instance == i
+        own = layout.triangles.face_instance == i
         assert surface.area_faces[own].sum() == pytest.approx(areas(layout)[instance.name], abs=1e-4)
         np.testing.assert_allclose(surface.triangles[own] @ layout.planes[i].normal + layout.planes[i].d, 0, atol=1e-5)
 
@@ -148,7 +148,7 @@ def test_the_khronos_validator_finds_no_fault(tmp_path: Path, room: tuple[Scene,
         pytest.skip(f"no Khronos glTF validator: node, and npm install in {VALIDATOR}")
     scene, layout = room
     nothing = tuple(Extent(extent.frame, rooms.NOTHING, rooms.NOTHING) for extent in layout.extents)
-    empty = replace(layout, extents=nothing, mesh=build_mesh(layout.instances, nothing))
+    empty = replace(layout, extents=nothing, triangles=build_mesh(layout.instances, nothing))
     for what in (layout, empty):
         export_layout(tmp_path / "a.glb", scene, what, "glb")
         command = [node, str(VALIDATOR / "validate_gltf.cjs"), str(tmp_path / "a.glb")]
@@ -163,7 +163,7 @@ def test_cad_estate_renders_the_same(tmp_path: Path, room: tuple[Scene, Layout])
     out = tmp_path / "film_0"
     export_layout(out, scene, layout, "cad-estate")
     with np.load(out / "room_structure.npz") as data:
-        count = len(layout.mesh.faces)
+        count = len(layout.triangles.faces)
         types = {name: (data[name].dtype.str, data[name].shape) for name in data.files if name != "clip_name"}
         assert types == {
             "layout_triangles": ("<f4", (count, 3, 3)),

@@ -59,7 +59,7 @@ def without_place(layout: Layout, *gone: int) -> Layout:
         planes[i] = Plane(np.full(3, np.nan), np.nan, np.full((4, 4), np.nan), observable=False, note="nothing")
         extents[i] = Extent(extents[i].frame, rooms.NOTHING, rooms.NOTHING)
     mesh = build_mesh(layout.instances, extents)
-    return replace(layout, planes=tuple(planes), extents=tuple(extents), mesh=mesh, dimensions=())
+    return replace(layout, planes=tuple(planes), extents=tuple(extents), triangles=mesh, dimensions=())
 
 
 def written_ifc(folder: Path, scene: Scene, layout: Layout) -> Any:

@@ -70,9 +70,9 @@ def test_layout_reads_back_equal(tmp_path: Path, solved: tuple[Scene, Layout, Qu
         assert (read.first, read.second, read.kind) == (dimension.first, dimension.second, dimension.kind)
         np.testing.assert_array_equal([read.length, read.sigma], [dimension.length, dimension.sigma])
         np.testing.assert_array_equal(read.ends_world, dimension.ends_world)
-    np.testing.assert_array_equal(back.mesh.vertices, layout.mesh.vertices)
-    np.testing.assert_array_equal(back.mesh.faces, layout.mesh.faces)
-    np.testing.assert_array_equal(back.mesh.face_instance, layout.mesh.face_instance)
+    np.testing.assert_array_equal(back.triangles.vertices, layout.triangles.vertices)
+    np.testing.assert_array_equal(back.triangles.faces, layout.triangles.faces)
+    np.testing.assert_array_equal(back.triangles.face_instance, layout.triangles.face_instance)
     for got, extent in zip(back.extents, layout.extents, strict=True):
         np.testing.assert_array_equal(got.frame.axes, extent.frame.axes)
         for region, expected in ((got.region, extent.region), (got.unrefined, extent.unrefined)):
@@ -116,7 +116,7 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     assert data["dimensions"][0]["between"] == ["wall_4", "floor_0"]
     assert data["dimensions"][0]["sigma"] == 0.0125
     mesh = data["mesh"]
-    assert len(mesh["vertex_sigma"]) == len(mesh["vertices"]) == len(layout.mesh.vertices)
+    assert len(mesh["vertex_sigma"]) == len(mesh["vertices"]) == len(layout.triangles.vertices)
     corner = mesh["vertices"].index([4.0, 0.0, 0.0])
     covariance = layout.planes[0].covariance
     point = np.array([4.0, 0, 0, 1])
@@ -211,19 +211,19 @@ def test_ply_is_in_the_world_of_the_cameras_and_coloured_by_label(
     write_results(tmp_path, scene, layout, quality, Config())
     surface = trimesh.load_mesh(tmp_path / "layout.ply", process=False)
     assert isinstance(surface.visual, trimesh.visual.ColorVisuals)
-    np.testing.assert_allclose(surface.vertices, layout.mesh.vertices, atol=1e-6)
-    np.testing.assert_array_equal(surface.faces, layout.mesh.faces)
-    expected = np.array([LABEL_COLORS[layout.instances[i].label] for i in layout.mesh.face_instance])
+    np.testing.assert_allclose(surface.vertices, layout.triangles.vertices, atol=1e-6)
+    np.testing.assert_array_equal(surface.faces, layout.triangles.faces)
+    expected = np.array([LABEL_COLORS[layout.instances[i].label] for i in layout.triangles.face_instance])
     np.testing.assert_array_equal(surface.visual.face_colors[:, :3], expected)
     sigma = surface.metadata["_ply_raw"]["vertex"]["data"]["sigma"].ravel()
-    np.testing.assert_array_equal(sigma, vertex_sigma(layout.mesh, layout.planes).astype(np.float32))
+    np.testing.assert_array_equal(sigma, vertex_sigma(layout.triangles, layout.planes).astype(np.float32))
     assert sigma.max() > 0
 
 
 def test_layout_without_any_surface_is_written_too(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
     scene, layout, _ = solved
     extents = tuple(Extent(extent.frame, rooms.NOTHING, rooms.NOTHING) for extent in layout.extents)
-    empty = replace(layout, extents=extents, mesh=build_mesh(layout.instances, extents))
+    empty = replace(layout, extents=extents, triangles=build_mesh(layout.instances, extents))
     quality = assess(scene, empty.instances, empty.planes, extents, Config().quality)
     assert quality.iou == 0.0
     write_results(tmp_path, scene, empty, quality, Config())

@@ -109,7 +109,7 @@ def test_page_without_metric_scale_or_mesh_or_photos_says_so(solution: Solution)
     html = html_of(said(solution))
     assert html.count("image cannot be read") == len(solution.scene.key_frames)
     assert "in metres (m)" in html
-    bare = html_of(said(solution, replace(solution.layout, metric=False, mesh=Mesh.empty())))
+    bare = html_of(said(solution, replace(solution.layout, metric=False, triangles=Mesh.empty())))
     assert "not metres" in bare
     assert 'id="room-view"' not in bare
     assert len(bare) < 1_000_000, "plotly is left out"

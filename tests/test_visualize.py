@@ -68,7 +68,7 @@ def test_every_instance_has_its_surfaces(logged: tuple[Solution, Path, Log]) -> 
     for index, instance in enumerate(solution.layout.instances):
         for group in ("landmarks", "extents/before", "extents/after"):
             assert f"/world/{group}/{instance.name}" in log
-        if (solution.layout.mesh.face_instance == index).any():
+        if (solution.layout.triangles.face_instance == index).any():
             assert f"/world/mesh/{instance.name}" in log
             (batch,) = (chunk.to_record_batch() for chunk in log[f"/world/uncertainty/{instance.name}"])
             colors, vertices = (
@@ -92,7 +92,7 @@ def test_scale_of_sigma_runs_from_blue_to_red() -> None:
 
 def test_sheets_lie_one_sigma_to_either_side(logged: tuple[Solution, Path, Log]) -> None:
     solution, _, log = logged
-    drawn = np.unique(solution.layout.mesh.face_instance)
+    drawn = np.unique(solution.layout.triangles.face_instance)
     assert len(drawn)
     for index in drawn:
         name, plane = solution.layout.instances[index].name, solution.layout.planes[index]

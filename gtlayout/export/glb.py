@@ -21,7 +21,7 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 def glb_bytes(layout: Layout) -> bytes:
     """GLB with one named node and material per element, y up: rotated so that the floor (or the ceiling) is level."""
-    mesh = layout.mesh
+    mesh = layout.triangles
     turn = y_up(layout)
     scene = trimesh.Scene()
     for i, instance in enumerate(layout.instances):

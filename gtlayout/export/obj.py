@@ -27,7 +27,7 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 
 def _obj(layout: Layout, materials: str) -> str:
-    mesh = layout.mesh
+    mesh = layout.triangles
     lines = [f"# unit: {unit(layout.metric)}; frame: the world of the input cameras", f"mtllib {materials}"]
     lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in mesh.vertices.tolist()]
     for i, instance in enumerate(layout.instances):

@@ -30,7 +30,7 @@ def ply_bytes(layout: Layout) -> bytes:
 
 def surface(layout: Layout) -> trimesh.Trimesh:
     """The mesh in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
-    mesh = layout.mesh
+    mesh = layout.triangles
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
     made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)

@@ -42,10 +42,10 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
     Usd.ModelAPI(room).SetKind("component")
     stage.SetDefaultPrim(room.GetPrim())
     _attach(room.GetPrim(), scene_facts(scene, layout))
-    points = layout.mesh.vertices @ z_up_from_world(scene, layout).T
-    sigma = vertex_sigma(layout.mesh, layout.planes)
+    points = layout.triangles.vertices @ z_up_from_world(scene, layout).T
+    sigma = vertex_sigma(layout.triangles, layout.planes)
     for i, instance in enumerate(layout.instances):
-        faces = layout.mesh.faces[layout.mesh.face_instance == i]
+        faces = layout.triangles.faces[layout.triangles.face_instance == i]
         if len(faces):
             # A name may hold what no path does, and two may then become one.
             name = Tf.MakeValidIdentifier(printable(instance.name))

@@ -172,7 +172,7 @@ def _write_masks(folder: Path, stem: str, scene: Scene, k: int, numbering: Numbe
 
 
 def _structure(clip_name: str, layout: Layout | None, numbering: Numbering, annotated_us: IntArray) -> RoomStructure:
-    mesh = Mesh.empty() if layout is None else layout.mesh
+    mesh = Mesh.empty() if layout is None else layout.triangles
     instances = () if layout is None else layout.instances
     number = np.array([0, *numbering.of_instance])[mesh.face_instance + 1]
     flag = np.array([0, *(FLAGS.get(instance.label, 0) for instance in instances)])[mesh.face_instance + 1]

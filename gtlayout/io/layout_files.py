@@ -152,10 +152,10 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
             for dimension in layout.dimensions
         ],
         "mesh": {
-            "vertices": layout.mesh.vertices,
-            "vertex_sigma": vertex_sigma(layout.mesh, layout.planes),
-            "faces": layout.mesh.faces,
-            "face_element": [layout.instances[i].name for i in layout.mesh.face_instance],
+            "vertices": layout.triangles.vertices,
+            "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
+            "faces": layout.triangles.faces,
+            "face_element": [layout.instances[i].name for i in layout.triangles.face_instance],
         },
     }
 

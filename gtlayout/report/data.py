@@ -72,7 +72,7 @@ def report_data(
         "frames": [
             key_frame_data(scene, layout, quality, number, photo, colors) for number, photo in enumerate(photos)
         ],
-        "room": room_view(scene, layout, full) if len(layout.mesh.faces) else None,
+        "room": room_view(scene, layout, full) if len(layout.triangles.faces) else None,
         "floor_plan": _floor_plan(scene, layout),
         "timings": _timings(timings_s),
         "config": _flat(config),

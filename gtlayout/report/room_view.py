@@ -31,15 +31,15 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
     Lengths are in world units; ``sigma_full`` is the end of the scale of σ.
     """
     turn = upright(scene, layout)
-    step = SIGMA_STEP_SHARE * float(np.linalg.norm(np.ptp(layout.mesh.vertices, axis=0)))
+    step = SIGMA_STEP_SHARE * float(np.linalg.norm(np.ptp(layout.triangles.vertices, axis=0)))
     surfaces = []
     for i, (instance, plane, extent) in enumerate(zip(layout.instances, layout.planes, layout.extents, strict=True)):
-        faces = layout.mesh.faces[layout.mesh.face_instance == i]
+        faces = layout.triangles.faces[layout.triangles.face_instance == i]
         if len(faces) == 0:
             continue
         used, renumbered = np.unique(faces, return_inverse=True)
         fine, fine_faces = trimesh.remesh.subdivide_to_size(
-            layout.mesh.vertices[used], renumbered.reshape(-1, 3), step, max_iter=20
+            layout.triangles.vertices[used], renumbered.reshape(-1, 3), step, max_iter=20
         )
         # In front of the surface, or they would not be seen whole.
         lifted = _OUTLINE_LIFT * step * plane.normal
@@ -58,7 +58,7 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
                 "d": float(plane.d),
             }
         )
-    room = layout.mesh.vertices[np.unique(layout.mesh.faces)] @ turn.T
+    room = layout.triangles.vertices[np.unique(layout.triangles.faces)] @ turn.T
     path = np.array([frame.camera.center_world for frame in scene.frames]) @ turn.T
     everything = np.vstack([room, path])
     # plotly cuts off what lies outside, and a floor just at the border here and there.
