@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -23,7 +21,6 @@ from cyclopts.validators import Number
 from shapely import MultiPolygon, Polygon
 
 from command_line import exit_status, new_app
-from gtlayout.errors import GtlayoutError
 from gtlayout.io import coco, cvat, labelme, load_scene, native
 from gtlayout.io.coco import write_coco
 from gtlayout.io.cvat_export import write_cvat
@@ -36,7 +33,7 @@ from gtlayout.io.sources import RawAnnotations, Reader
 from gtlayout.scene import LABELS, Camera, Element, Frame, ImageArray, KeyFrame
 from gtlayout.synth import SynthConfig, synthesize
 from metrics import Metric, write_tables
-from speed import CHILD_USAGE, COMMAND, MIB
+from speed import MIB, run_solve
 
 SHAPES_PER_IMAGE = 10
 CORNERS = 8
@@ -179,19 +176,14 @@ def time_video(folder: Path) -> list[Metric]:
     begin = time.perf_counter()
     scene = load_scene(folder)
     loaded = time.perf_counter() - begin
-    with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, str(CHILD_USAGE), *COMMAND, "solve", str(folder), "--out", out]
-        ran = subprocess.run(command, capture_output=True, text=True, check=True)
-    usage = json.loads(ran.stdout.splitlines()[-1])
-    if usage["status"] != 0:
-        raise GtlayoutError(ran.stderr.strip() or f"gtlayout solve ended with exit status {usage['status']}")
+    seconds, peak_bytes = run_solve(folder)
     return [
         Metric("width", scene.frames[0].camera.width, "px", None),
         Metric("height", scene.frames[0].camera.height, "px", None),
         Metric("key_frames", len(scene.key_frames), "", None),
         Metric("load", loaded, "s", False),
-        Metric("command", usage["seconds"], "s", False),
-        Metric("peak_memory", usage["peak_bytes"] / MIB, "MiB", False),
+        Metric("command", seconds, "s", False),
+        Metric("peak_memory", peak_bytes / MIB, "MiB", False),
     ]
 
 

@@ -114,15 +114,21 @@ def time_command(folder: Path, repeats: int) -> list[Metric]:
     """``gtlayout solve`` as it is called: shortest time and largest peak memory. Raises GtlayoutError when it fails."""
     seconds, peak = [], []
     for _ in range(repeats):
-        with tempfile.TemporaryDirectory() as out:
-            command = [sys.executable, str(CHILD_USAGE), *COMMAND, "solve", str(folder), "--out", out]
-            ran = subprocess.run(command, capture_output=True, text=True, check=True)
-        usage = json.loads(ran.stdout.splitlines()[-1])
-        if usage["status"] != 0:
-            raise GtlayoutError(ran.stderr.strip() or f"gtlayout solve ended with exit status {usage['status']}")
-        seconds.append(usage["seconds"])
-        peak.append(usage["peak_bytes"])
+        took_s, peak_bytes = run_solve(folder)
+        seconds.append(took_s)
+        peak.append(peak_bytes)
     return [Metric("command", min(seconds), "s", False), Metric("peak_memory", max(peak) / MIB, "MiB", False)]
+
+
+def run_solve(folder: Path) -> tuple[float, int]:
+    """Seconds and peak memory, in bytes, of one ``gtlayout solve``. Raises GtlayoutError when it fails."""
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, str(CHILD_USAGE), *COMMAND, "solve", str(folder), "--out", out]
+        ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    usage = json.loads(ran.stdout.splitlines()[-1])
+    if usage["status"] != 0:
+        raise GtlayoutError(ran.stderr.strip() or f"gtlayout solve ended with exit status {usage['status']}")
+    return usage["seconds"], usage["peak_bytes"]
 
 
 def time_solve(folder: Path, repeats: int) -> tuple[Solution, list[Metric]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 from urllib.request import urlopen
 
+import psutil
 import pytest
 import rerun as rr
 from web_viewer import web_viewer
@@ -72,14 +73,13 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def listens_on(port: int) -> list[str]:
-    """IPv4 addresses on which somebody listens, as Linux writes them: little-endian hexadecimal."""
-    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-    sockets = [row[1].split(":") for row in rows if row[3] == "0A"]
-    return [address for address, number in sockets if int(number, 16) == port]
+def listens_on(port: int) -> set[str]:
+    """Addresses on which a process that was started here, or one of its own, listens."""
+    started = psutil.Process().children(recursive=True)
+    sockets = [each for process in started for each in process.net_connections("tcp")]
+    return {each.laddr.ip for each in sockets if each.status == psutil.CONN_LISTEN and each.laddr.port == port}
 
 
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="only Linux tells who listens where")
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
 def test_web_viewer_is_served_to_this_machine_alone_and_stops(log: Path, free_ports: int, end: signal.Signals) -> None:
     with web_viewer(log, free_ports, end) as address:
@@ -87,15 +87,9 @@ def test_web_viewer_is_served_to_this_machine_alone_and_stops(log: Path, free_po
         assert parse_qs(urlsplit(address).query) == {"url": [f"rerun+http://127.0.0.1:{free_ports + 1}/proxy"]}
         with urlopen(address, timeout=5) as answer:
             assert b"Rerun Viewer" in answer.read()
-        loopback = "0100007F"
-        assert listens_on(free_ports) == listens_on(free_ports + 1) == [loopback]
-        assert not any(int(row.split()[1].split(":")[1], 16) in (free_ports, free_ports + 1) for row in _ipv6_sockets())
-    assert listens_on(free_ports) == listens_on(free_ports + 1) == [], "nothing is left behind"
-
-
-def _ipv6_sockets() -> list[str]:
-    listed = Path("/proc/net/tcp6")
-    return listed.read_text().splitlines()[1:] if listed.exists() else []
+        assert listens_on(free_ports) == listens_on(free_ports + 1) == {"127.0.0.1"}
+    for port in (free_ports, free_ports + 1):
+        socket.create_server(("127.0.0.1", port)).close()  # fails if anything is left behind
 
 
 @pytest.mark.parametrize("offset", [0, 1])
