@@ -24,6 +24,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io import CAMERA_READERS
 from gtlayout.io.cad_estate import image_folder
 from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.results import FOLDER
 from metrics import FORMAT, Metric, read_rows
 
 SceneRows = dict[str, list[Metric]]
@@ -35,8 +36,6 @@ LARGE = {".jpg", ".jpeg", ".png", ".mp4", ".mov", ".mkv", ".webm"}
 """Files of these kinds are known by name and size …"""
 SMALL_BYTES = 1 << 16
 """… unless they are as small as label masks: then, like all other files, by what is in them."""
-RESULTS = "gtlayout"
-"""Folder inside a scene that `gtlayout solve` writes to: no input."""
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -152,7 +151,7 @@ def _fingerprint(scene: Path, out_dir: Path, settings: str) -> str:
 def _inputs(scene: Path, out_dir: Path) -> list[Path]:
     """Files of a scene, sorted, through links; without results and hidden files."""
     inputs: list[Path] = []
-    left_out = {(scene / RESULTS).resolve(), out_dir.resolve()}
+    left_out = {(scene / FOLDER).resolve(), out_dir.resolve()}
     seen: set[Path] = set()
     # CAD-Estate keeps the images of all clips of a video outside their folders.
     roots = [scene, *([folder] if (folder := image_folder(scene)) else [])]

@@ -10,10 +10,8 @@ from gtlayout.io.layout_files import read_layout, write_results
 from gtlayout.io.refined_cameras import with_refined_cameras
 from gtlayout.layout import Layout
 from gtlayout.method import Solution
+from gtlayout.results import FOLDER
 from gtlayout.scene import Scene
-
-RESULTS = "gtlayout"
-"""Folder inside the scene that results go to."""
 
 
 def load(folder: str | PathLike[str]) -> Scene:
@@ -31,7 +29,7 @@ def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None
     The scene has the cameras the layout was solved with, refined ones included. Raises GtlayoutError when either cannot
     be read, or the layout was made from other annotations.
     """
-    found = Path(folder) / RESULTS if results is None else Path(results)
+    found = Path(folder) / FOLDER if results is None else Path(results)
     scene = with_refined_cameras(load_scene(Path(folder)), found)
     return scene, read_layout(found, scene)
 

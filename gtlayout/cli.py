@@ -16,12 +16,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from gtlayout import __version__
 from gtlayout.errors import GtlayoutError
+from gtlayout.results import FOLDER, LOG_FILE, REPORT_FILE
 from gtlayout.viewer import WEB_PORT, open_log, serve_log
 from gtlayout.visualize import Observer, RerunMode, rerun_observer
 
-RESULTS = "gtlayout"
-"""Folder inside the scene that results go to, as in ``gtlayout.api``, which is slow to import."""
-LOG = "log.rrd"
 SUSPICIOUS = 3
 """Exit status of a check that found something."""
 SHOWN_WARNINGS = 5
@@ -76,7 +74,7 @@ def solve(
     verbose
         Print stage timings and every warning.
     """
-    out_dir = _results_dir(out or scene_dir / RESULTS)
+    out_dir = _results_dir(out or scene_dir / FOLDER)
 
     from gtlayout.api import load, save
     from gtlayout.config import Config
@@ -85,7 +83,7 @@ def solve(
 
     config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load(scene_dir)
-    with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG, progress) as observer:
+    with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG_FILE, progress) as observer:
         solution = solve_scene(scene, config, observer)
         save(solution, out_dir)
 
@@ -181,7 +179,7 @@ def view(
     port
         With --web: the port to serve it on, and the one after it, which the log comes over.
     """
-    log = (layout or scene_dir / RESULTS) / LOG
+    log = (layout or scene_dir / FOLDER) / LOG_FILE
     if web:
         serve_log(log, port, lambda address: stdout().print(f"{address}\nCtrl-C stops"))
     else:
@@ -203,10 +201,9 @@ def report(scene_dir: SceneDir, /, *, layout: Path | None = None, out: Path | No
     out
         The file to write; report.html beside layout.json when not given.
     """
-    from gtlayout.io.layout_files import REPORT_FILE
     from gtlayout.report import write_report
 
-    folder = layout or scene_dir / RESULTS
+    folder = layout or scene_dir / FOLDER
     page = out or folder / REPORT_FILE
     with progress_bars() as progress:
         progress.stage("report")

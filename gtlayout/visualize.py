@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal
 
+from gtlayout.results import LOG_FILE
 from gtlayout.viewer import require_display, require_viewer, rerun_command
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def rerun_observer(mode: RerunMode, log: Path, progress: Observer) -> Iterator[O
 
     recording = rr.RecordingStream(APPLICATION)
     with TemporaryDirectory() as folder:
-        unfinished = Path(folder) / "log.rrd"
+        unfinished = Path(folder) / LOG_FILE
         if mode == "save":
             recording.save(unfinished)
         elif mode == "spawn":

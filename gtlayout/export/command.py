@@ -8,8 +8,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gtlayout.api import load_solved
-from gtlayout.cli import RESULTS, stdout
+from gtlayout.cli import stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
+from gtlayout.results import FOLDER
 
 
 def export(
@@ -35,6 +36,6 @@ def export(
         Folder that holds layout.json; DIR/gtlayout when not given.
     """
     scene, solved = load_solved(scene_dir, layout)
-    path = out or (layout or scene_dir / RESULTS) / EXPORTERS[to].file_name
+    path = out or (layout or scene_dir / FOLDER) / EXPORTERS[to].file_name
     export_layout(path, scene, solved, to)
     stdout().print(f"Export: {path}")

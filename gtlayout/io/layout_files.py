@@ -24,9 +24,9 @@ from gtlayout.io.refined_cameras import refined_cameras_text
 from gtlayout.layout import Dimension, Extent, HeldBy, Instance, Layout, Mesh, Plane, PlaneFrame, Support
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality import Quality
+from gtlayout.results import LOG_FILE, REPORT_FILE, TIMINGS_FILE
 from gtlayout.scene import LABELS, FloatArray, Scene
 
-LOG_FILE, REPORT_FILE, TIMINGS_FILE = "log.rrd", "report.html", "timings.json"
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
 
 

@@ -12,11 +12,12 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import read_json, write_atomic
 from gtlayout.io.images import read_rgb
-from gtlayout.io.layout_files import TIMINGS_FILE, read_layout
+from gtlayout.io.layout_files import read_layout
 from gtlayout.io.refined_cameras import with_refined_cameras
 from gtlayout.quality import assess
 from gtlayout.report.data import report_data
 from gtlayout.report.page import page
+from gtlayout.results import TIMINGS_FILE
 from gtlayout.scene import ImageArray, Scene
 
 
