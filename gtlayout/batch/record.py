@@ -1,0 +1,108 @@
+"""What a run notes of each scene: one row, the same in ``record.json``, ``run.csv`` and ``run.parquet``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import read_json, write_json_atomic
+
+FORMAT = "gtlayout-record/1"
+SCENES = "scenes"
+"""Folder of a run that holds a folder of results for each scene, called like the scene."""
+RECORD_FILE, SOLVE_LOG_FILE, THUMBNAIL_FILE = "record.json", "log.txt", "thumbnail.jpg"
+"""In each of these folders. A scene is finished once its record is there."""
+CSV_FILE, PARQUET_FILE, RUN_FILE = "run.csv", "run.parquet", "run.json"
+"""In the folder of the run."""
+
+Status = Literal["accepted", "not accepted", "failed"]
+Failure = Literal["input", "bug", "timeout", "died", "memory", "worker"]
+"""Why there is no layout: the scene cannot be solved as it is; an exception nobody expected; not done in time; its
+process died of a signal; it outgrew its memory; its worker was lost again and again.
+"""
+PASSING: tuple[Failure, ...] = ("timeout", "died", "memory", "worker")
+"""May go well another time; all others are the same whenever the same scene is solved."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One scene of a run. Numbers are None where they are not known: for failed scenes, and of depth without depth."""
+
+    scene: str
+    """Path of its folder below the root it was found in."""
+    status: Status
+    failure: Failure | None = None
+    reason: str = ""
+    """Why it failed or was not accepted, and which elements are not ok; empty when all is well."""
+    predicted: str | None = None
+    """"trustworthy" or "doubtful": what the covariances say."""
+    iou: float | None = None
+    openings_iou: float | None = None
+    sigma_depth_share: float | None = None
+    """Predicted σ of depth as a share of the depth."""
+    depth_error_mean: float | None = None
+    """ε on visible parts of key frames with depth, world unit."""
+    depth_error_trimmed_mean: float | None = None
+    """… without the worst 1 % of pixels."""
+    depth_error_median: float | None = None
+    metric: bool | None = None
+    """Whether the world unit is the metre."""
+    frames: int | None = None
+    key_frames: int | None = None
+    elements: int | None = None
+    weak: int | None = None
+    unobservable: int | None = None
+    worst_frame: str | None = None
+    worst_frame_iou: float | None = None
+    worst_element: str | None = None
+    """As "wall_1 = e2 in 000010.jpg"."""
+    worst_element_iou: float | None = None
+    warnings: int | None = None
+    """What was skipped or repaired; the texts stand in quality.json."""
+    seconds: float | None = None
+    """From reading the scene to its results on disk, of the attempt that counts."""
+    stages_s: dict[str, float] = field(default_factory=dict)
+    """Seconds of each stage of the solve; columns ``seconds_<stage>`` of the tables."""
+    peak_memory_mib: float | None = None
+    """Largest resident set seen of the process that solved it."""
+    attempts: int = 1
+    worker: str = ""
+    """Machine that solved it."""
+    finished: str = ""
+    """UTC, ISO 8601."""
+    source: str = ""
+    """The scene's folder."""
+    fingerprint: str = ""
+    """SHA-256 of inputs, configuration and version; empty when they could not be read."""
+    stamp: str = ""
+    """Hash of names, sizes and times of the inputs: while it stays, they need not be read to know the fingerprint."""
+
+
+def write_record(path: Path, record: Record) -> None:
+    """Write record.json. Raises GtlayoutError when the disk does not take it."""
+    write_json_atomic(path, {"format": FORMAT, **asdict(record)})
+
+
+def read_record(path: Path) -> Record:
+    """Read record.json. Raises GtlayoutError when it is absent or none."""
+    data = read_json(path)
+    if data.pop("format", None) != FORMAT:
+        raise GtlayoutError(f"{path} is no record of a scene ({FORMAT})")
+    return record_of(data, path)
+
+
+def record_of(data: dict[str, Any], path: Path) -> Record:
+    """A record out of JSON; ``path`` is for the message. Raises GtlayoutError when something in it is wrong."""
+    known = {one.name for one in fields(Record)}
+    fine = (
+        set(data) <= known
+        and isinstance(data.get("scene"), str)
+        and data.get("status") in get_args(Status)
+        and data.get("failure") in (None, *get_args(Failure))
+        and isinstance(data.get("stages_s", {}), dict)
+    )
+    if not fine:
+        raise GtlayoutError(f"{path} is damaged; remove it and run the batch again")
+    return Record(**data)

@@ -1,0 +1,118 @@
+"""The folder of a run: what was asked for in run.json, a folder a scene, and their records as one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from gtlayout.batch.record import (
+    CSV_FILE,
+    PARQUET_FILE,
+    RECORD_FILE,
+    RUN_FILE,
+    SCENES,
+    Record,
+    read_record,
+)
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import read_json, write_all_atomic, write_json_atomic
+
+FORMAT = "gtlayout-run/1"
+_TYPES = {"str": pa.string(), "float": pa.float64(), "int": pa.int64(), "bool": pa.bool_()}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What run.json says, and what has been recorded so far."""
+
+    folder: Path
+    scenes: tuple[str, ...]
+    """Names of all that were asked for, sorted."""
+    records: dict[str, Record]
+    """Of those that are finished, in the order of ``scenes``."""
+    config: dict[str, Any]
+    """Every setting."""
+    version: str
+    """Of gtlayout."""
+
+
+def scene_folder(run: Path, scene: str) -> Path:
+    """Where the results of a scene go."""
+    return run / SCENES / scene
+
+
+def write_run(folder: Path, scenes: Sequence[str], config: Mapping[str, Any], version: str) -> None:
+    """Write run.json. Raises GtlayoutError when the disk does not take it."""
+    run = {"format": FORMAT, "version": version, "config": dict(config), "scenes": list(scenes)}
+    write_json_atomic(folder / RUN_FILE, run)
+
+
+def is_run(folder: Path) -> bool:
+    """Whether ``gtlayout batch`` made this folder."""
+    return (folder / RUN_FILE).is_file()
+
+
+def read_run(folder: Path) -> Run:
+    """Read run.json and the records beside the results.
+
+    Raises GtlayoutError when it is no run or run.json is damaged. A record that is damaged counts as not there: the
+    scene is solved again by the next run.
+    """
+    path = folder / RUN_FILE
+    if not path.is_file():
+        raise GtlayoutError(f"{folder} is no run: there is no {RUN_FILE}; gtlayout batch ROOT --out {folder} makes one")
+    data = read_json(path)
+    try:
+        if data["format"] != FORMAT:
+            raise ValueError(f'"format" is {data["format"]!r}, not {FORMAT!r}')
+        names, config, version = [str(name) for name in data["scenes"]], dict(data["config"]), str(data["version"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise GtlayoutError(f"{path} is damaged: {error}; run the batch again") from error
+    return Run(folder, tuple(names), recorded(folder, names), config, version)
+
+
+def recorded(folder: Path, scenes: Iterable[str]) -> dict[str, Record]:
+    """The records of those scenes that are finished."""
+    found = {}
+    for scene in scenes:
+        path = scene_folder(folder, scene) / RECORD_FILE
+        try:
+            found[scene] = read_record(path)
+        except GtlayoutError:
+            continue
+    return found
+
+
+def write_tables(folder: Path, records: Iterable[Record]) -> None:
+    """Write run.csv and run.parquet: a row a scene, sorted by name, the same columns in both.
+
+    Raises GtlayoutError when the disk does not take them.
+    """
+    table = _table(sorted(records, key=lambda record: record.scene))
+    csv, parquet = BytesIO(), BytesIO()
+    pyarrow.csv.write_csv(table, csv)
+    pyarrow.parquet.write_table(table, parquet)
+    write_all_atomic({folder / CSV_FILE: csv.getvalue(), folder / PARQUET_FILE: parquet.getvalue()})
+
+
+def _table(records: Sequence[Record]) -> pa.Table:
+    """Columns in the order of ``Record``'s fields; the seconds of each stage are columns of their own."""
+    columns: dict[str, pa.Array] = {}
+    for one in fields(Record):
+        if one.name == "stages_s":
+            stages = dict.fromkeys(stage for record in records for stage in record.stages_s)
+            columns |= {
+                f"seconds_{stage}": pa.array([record.stages_s.get(stage) for record in records], pa.float64())
+                for stage in stages
+            }
+        else:
+            kind = _TYPES.get(str(one.type).removesuffix(" | None"), pa.string())
+            columns[one.name] = pa.array([getattr(record, one.name) for record in records], kind)
+    return pa.table(columns)
