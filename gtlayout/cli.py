@@ -29,7 +29,7 @@ app = App(
     name="gtlayout",
     help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
     help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 3 something suspicious "
-    "(check), 130 interrupted.",
+    "(check) or some scenes failed (batch), 130 interrupted.",
     version=__version__,
     suppress_keyboard_interrupt=False,
 )
@@ -209,6 +209,18 @@ def report(scene_dir: SceneDir, /, *, layout: Path | None = None, out: Path | No
         progress.stage("report")
         write_report(scene_dir, folder, page, progress.progress)
     stdout().print(f"Report: {page}")
+
+
+def _one_cluster(scheduler: str | None = None, **local: object) -> None:
+    if scheduler is not None and not local.keys().isdisjoint(("workers", "memory_limit")):
+        raise ValueError("--workers and --memory-limit are of this machine; a cluster with --scheduler has its own")
+
+
+app.command(
+    "gtlayout.batch.command:batch",
+    validator=_one_cluster,
+    help="Solve every scene in folders of scenes, in parallel; go on where an earlier run was cut short.",
+)
 
 
 app.command(

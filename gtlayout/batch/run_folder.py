@@ -17,9 +17,9 @@ from gtlayout.batch.record import (
     PARQUET_FILE,
     RECORD_FILE,
     RUN_FILE,
-    SCENES,
     Record,
     read_record,
+    scene_folder,
 )
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json, write_all_atomic, write_json_atomic
@@ -41,11 +41,6 @@ class Run:
     """Every setting."""
     version: str
     """Of gtlayout."""
-
-
-def scene_folder(run: Path, scene: str) -> Path:
-    """Where the results of a scene go."""
-    return run / SCENES / scene
 
 
 def write_run(folder: Path, scenes: Sequence[str], config: Mapping[str, Any], version: str) -> None:
@@ -112,7 +107,7 @@ def _table(records: Sequence[Record]) -> pa.Table:
                 f"seconds_{stage}": pa.array([record.stages_s.get(stage) for record in records], pa.float64())
                 for stage in stages
             }
-        else:
+        elif one.name != "files":
             kind = _TYPES.get(str(one.type).removesuffix(" | None"), pa.string())
             columns[one.name] = pa.array([getattr(record, one.name) for record in records], kind)
     return pa.table(columns)
