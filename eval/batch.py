@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 import random
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -31,6 +32,8 @@ from plots import courses
 
 PLAIN_LOOP = Path(__file__).with_name("plain_loop.py")
 VICTIMS = ("client", "worker", "nanny", "scheduler")
+MEMORY = "1.5GiB"
+"""Of a worker with its scene; what eats memory is to reach it soon."""
 END_S = 600.0
 """A run that takes longer to end, once nothing disturbs it any more, hangs."""
 ORPHAN_S = 15.0
@@ -70,26 +73,27 @@ def trial(
     scenes = find_scenes([root], out)
     data, run = new_folders(out, "data", "run")
     broken = make_data_set(scenes, data, every)
-    options = ["--workers", str(workers), "--timeout", str(timeout)]
+    options = ["--workers", str(workers), "--timeout", str(timeout), "--memory-limit", MEMORY]
     began_s = time.time()
     with batch(data, run, options, out / "batch.log") as command, Watch(command.pid) as watch:
         status = command.wait()
     ended_s = time.time()
     records = recorded(run, scenes)
+    end_s = ends_s(run, records)
     wrong = wrongly_recorded(scenes, broken, records)
     wrong += [] if status == 3 else [f"exit status {status}, not 3"]
     wrong += [f"process {process.pid} is left" for process in marked(MARK, str(os.getpid()))]
     metrics = [
-        *course(records.values(), began_s, ended_s, workers),
+        *course(records, end_s, began_s, ended_s, workers),
         Metric("broken", len(broken), "", None),
         Metric("wrong", len(wrong), "", False),
-        *memory(watch.seen, ends_s(records.values()), out / "memory.png"),
+        *memory(watch.seen, sorted(end_s.values()), out / "memory.png"),
     ]
     write_tables(out, "trial", {run.name: metrics}, "run")
     return told(out / "trial.md", wrong)
 
 
-def memory(seen: list[Use], finished_s: np.ndarray[tuple[int], np.dtype[np.float64]], plot: Path) -> list[Metric]:
+def memory(seen: list[Use], finished_s: Sequence[float], plot: Path) -> list[Metric]:
     """Largest resident memory, and by how much it grows from scene to scene; drawn over the number of scenes done."""
     done = np.searchsorted(finished_s, [use.time_s for use in seen]).astype(np.float64)
     courses_mib = {
@@ -149,8 +153,8 @@ def kills(
     wrong: list[str] = []
     rng = random.Random(seed)
     with dask_processes(logs, 2, environment()) as dask:
-        with batch(root, undisturbed, ["--scheduler", dask.address], out / "undisturbed.log") as command:
-            status = command.wait(END_S)
+        with batch(root, undisturbed, ["--scheduler", dask.address], log := out / "undisturbed.log") as command:
+            status = finish(command, log)
         wrong += [] if status in (0, 3) else [f"undisturbed: exit status {status}"]
         while len(done) < count and not wrong:
             run = out / f"disturbed-{len(done)}"
@@ -189,15 +193,13 @@ def disturb(
                 finished = len(recorded(run, scenes))
                 strike(victim, command, dask, rng)
                 done.append(Kill(victim, time.monotonic() - start, finished))
-                print(f"{len(done)}: {victim} killed, {finished} scenes finished", file=sys.stderr)
+                print(f"{run.name}: {victim} killed, {finished} scenes finished", file=sys.stderr)
                 dask.restore()
-            if not ended(command, END_S):
-                command.kill()
-                raise GtlayoutError(f"the command hangs: see {log}")
-        if command.returncode in (0, 3):
+            status = finish(command, log)
+        if status in (0, 3):
             return done
-        if command.returncode not in (1, -9):
-            raise GtlayoutError(f"the command ended with status {command.returncode}: see {log}")
+        if status not in (1, -signal.SIGKILL):
+            raise GtlayoutError(f"the command ended with status {status}: see {log}")
 
 
 def strike(victim: str, command: subprocess.Popen[bytes], dask: DaskProcesses, rng: random.Random) -> None:
@@ -210,6 +212,14 @@ def strike(victim: str, command: subprocess.Popen[bytes], dask: DaskProcesses, r
         "scheduler": lambda: dask.nanny("scheduler"),
     }
     kill([processes[victim]()])
+
+
+def finish(command: subprocess.Popen[bytes], log: Path) -> int:
+    """Its exit status. Raises GtlayoutError when it never ends."""
+    if not ended(command, END_S):
+        command.kill()
+        raise GtlayoutError(f"the command hangs: see {log}")
+    return command.returncode
 
 
 def ended(command: subprocess.Popen[bytes], wait_s: float) -> bool:
@@ -261,7 +271,8 @@ def scaling(root: Annotated[Path, Parameter(name="ROOT")], /, *, out: Path, repe
             with batch(root, run, ["--workers", str(workers)], out / f"{run.name}.log") as command:
                 if command.wait() not in (0, 3):
                     raise GtlayoutError(f"{run.name} ended with status {command.returncode}: see {out}")
-            measured.append(course(recorded(run, scenes).values(), began_s, time.time(), workers))
+            ended_s = time.time()
+            measured.append(course(recorded(run, scenes), ends_s(run, scenes), began_s, ended_s, workers))
     write_tables(out, "scaling", scaling_rows(min(plain_s), len(scenes), found), "run")
     print((out / "scaling.md").read_text(encoding="utf-8"))
 

@@ -6,10 +6,7 @@ import os
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import datetime
 from pathlib import Path
-
-import numpy as np
 
 from broken_scenes import FAULTS
 from command_line import GTLAYOUT
@@ -17,7 +14,6 @@ from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Record, read_reco
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
 from gtlayout.results import REPORT_FILE, TIMINGS_FILE
-from gtlayout.scene import FloatArray
 from metrics import Metric
 from runner import THREADS
 
@@ -42,31 +38,38 @@ def batch(root: Path, run: Path, options: Sequence[str], log: Path) -> Iterator[
         yield one
 
 
-def ends_s(records: Iterable[Record]) -> FloatArray:
-    """When each was finished, seconds since 1970, ascending."""
-    return np.sort([datetime.fromisoformat(record.finished).timestamp() for record in records])
+def ends_s(run: Path, scenes: Iterable[str]) -> dict[str, float]:
+    """Scene → when it was finished, seconds since 1970, as its file system has it: records have whole seconds."""
+    return {scene: (scene_folder(run, scene) / RECORD_FILE).stat().st_mtime for scene in scenes}
 
 
-def course(records: Iterable[Record], began_s: float, ended_s: float, workers: int) -> list[Metric]:
+def course(
+    records: Mapping[str, Record], end_s: Mapping[str, float], began_s: float, ended_s: float, workers: int
+) -> list[Metric]:
     """Where the time of a run went, from the call of the command (``began_s``) to its end (``ended_s``).
 
-    ``start_up`` is the time before the first scene is begun, ``wind_up`` that after the last one is recorded. Between
+    ``start_up`` is the time before the first scene is begun, ``wind_up`` that after the last one is finished. Between
     the two lies ``span``; ``overhead`` is the share of it that workers did not spend on attempts that are recorded as
     solved: waiting, hashing, moving results, and all that was lost to scenes that failed.
+
+    Args:
+        records: of all scenes of the run.
+        end_s: when each was finished, of ``ends_s``.
+        began_s: when the command was called, seconds since 1970.
+        ended_s: when it ended.
+        workers: of one thread each.
     """
-    solved = [record for record in records if record.seconds is not None and record.status != "failed"]
-    first = min(ends_s([record])[0] - (record.seconds or 0.0) for record in solved)
-    last = ends_s(records)[-1]
-    solving = sum(record.seconds or 0.0 for record in solved)
-    span = last - first
+    seconds = {name: record.seconds or 0.0 for name, record in records.items() if record.status != "failed"}
+    first, last = min(end_s[name] - seconds[name] for name in seconds), max(end_s.values())
+    span, solving = last - first, sum(seconds.values())
     return [
-        Metric("scenes", len(list(records)), "", None),
+        Metric("scenes", len(records), "", None),
         Metric("wall", ended_s - began_s, "s", False),
         Metric("start_up", first - began_s, "s", False),
         Metric("span", span, "s", False),
         Metric("wind_up", ended_s - last, "s", False),
-        Metric("seconds_per_scene", solving / len(solved), "s", False),
-        Metric("rate", len(list(records)) / span * 60, "1/min", True),
+        Metric("seconds_per_scene", solving / len(seconds), "s", False),
+        Metric("rate", len(records) / span * 60, "1/min", True),
         Metric("overhead", 1 - solving / (workers * span), "", False),
     ]
 

@@ -11,6 +11,7 @@ from types import TracebackType
 
 import numpy as np
 import psutil
+from scipy.stats import theilslopes
 
 from gtlayout.scene import FloatArray
 
@@ -69,12 +70,13 @@ def use_of(client: psutil.Process) -> Use:
 
 
 def slope_kib(done: Sequence[float] | FloatArray, mib: Sequence[float] | FloatArray) -> float:
-    """KiB a scene: the line through memory over scenes done, from the second tenth of them on; NaN without two points.
+    """KiB a scene, from the second tenth of them on: the median of all slopes between two looks; NaN without two.
 
-    What is loaded once, whatever the number of scenes, is loaded in the first tenth.
+    What is loaded once, whatever the number of scenes, is loaded in the first tenth. The median passes over the few
+    scenes that are broken so that they eat memory.
     """
     x, y = np.asarray(done, dtype=np.float64), np.asarray(mib, dtype=np.float64) * 1024
     later = x >= 0.1 * x.max(initial=0.0)
     if len(np.unique(x[later])) < 2:
         return float("nan")
-    return float(np.polyfit(x[later], y[later], 1)[0])
+    return float(theilslopes(y[later], x[later]).slope)
