@@ -61,7 +61,7 @@ def run_batch(
         with _lease(run) as lease:
             template = Job("", "", str(run.resolve()), str(lease), settings, code, timeout_s, 0, settings.restarts)
             jobs = [replace(template, scene=name, source=str(path.resolve())) for name, path in scenes.items()]
-            progress.begin(len(scenes), client.dashboard_link)
+            progress.begin(len(scenes), _threads(client), client.dashboard_link)
             client.register_plugin(Solvers())
             for arrived in _outcomes(client, jobs):
                 if arrived is not None:
@@ -138,7 +138,7 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
     arrived: SimpleQueue[Future[Outcome | None]] = SimpleQueue()
     try:
         while waiting or pending:
-            threads = sum(client.nthreads().values())
+            threads = _threads(client)
             while waiting and len(pending) < max(1, AHEAD * threads):
                 job = waiting.popleft()
                 parts[job.scene] = []
@@ -160,6 +160,10 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
     finally:
         with suppress(Exception):  # There may be no scheduler left to tell.
             client.cancel([future for future, _ in pending.values()], force=True)
+
+
+def _threads(client: Client) -> int:
+    return sum(client.nthreads().values())
 
 
 def _split(job: Job, pieces: int) -> list[Job]:
