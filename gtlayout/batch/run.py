@@ -22,7 +22,7 @@ from gtlayout.batch.job import Job, Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import Record, scene_folder
 from gtlayout.batch.results import CannotWriteError, new_work_folder, publish
-from gtlayout.batch.run_folder import is_run, recorded, write_run, write_tables
+from gtlayout.batch.run_folder import recorded, write_run, write_tables
 from gtlayout.batch.worker import Outcome, Solvers, work_on
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
@@ -48,10 +48,8 @@ def run_batch(
     Returns the record of each. Whatever ends it early leaves finished scenes finished, and the same call goes on.
 
     Raises:
-        GtlayoutError: ``run`` holds something else or cannot be written, or the scheduler is lost.
+        GtlayoutError: ``run`` cannot be written, or the scheduler is lost.
     """
-    if run.exists() and not is_run(run) and (not run.is_dir() or any(run.iterdir())):
-        raise GtlayoutError(f"{run} holds something else than a run: name a new folder")
     code = program()
     write_run(run, list(scenes), asdict(Config(**asdict(settings))), code)
     plotly_file(run)
