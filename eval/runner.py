@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
@@ -24,6 +24,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io import CAMERA_READERS
 from gtlayout.io.cad_estate import image_folder
 from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.processes import single_threaded
 from gtlayout.results import FOLDER
 from metrics import FORMAT, Metric, read_rows
 
@@ -36,7 +37,6 @@ LARGE = {".jpg", ".jpeg", ".png", ".mp4", ".mov", ".mkv", ".webm"}
 """Files of these kinds are known by name and size …"""
 SMALL_BYTES = 1 << 16
 """… unless they are as small as label masks: then, like all other files, by what is in them."""
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def _in_processes(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> It
 
 def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
     """Outcomes as they come; None for scenes whose pool died before they were finished."""
-    with _single_threaded():
+    with single_threaded():
         # Spawned, because OpenCV's and GTSAM's threads do not survive a fork.
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,))
@@ -224,18 +224,3 @@ def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Ite
                 yield names[future], None if isinstance(error, BrokenProcessPool) else outcome
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """For processes started within: one thread each, or they would fight for the cores."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
