@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -18,10 +17,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.scenes import has_cameras
-from gtlayout.batch.solver_process import ONE_THREAD
 from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.io import CAMERA_READERS
 from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.processes import single_threaded
 from metrics import FORMAT, Metric, read_rows
 
 SceneRows = dict[str, list[Metric]]
@@ -164,7 +163,7 @@ def _in_processes(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> It
 
 def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
     """Outcomes as they come; None for scenes whose pool died before they were finished."""
-    with _single_threaded():
+    with single_threaded():
         # Spawned, because OpenCV's and GTSAM's threads do not survive a fork.
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,))
@@ -179,18 +178,3 @@ def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Ite
                 yield names[future], None if isinstance(error, BrokenProcessPool) else outcome
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """For processes started within: one thread each, or they would fight for the cores."""
-    before = {name: os.environ.get(name) for name in ONE_THREAD}
-    os.environ.update(ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
