@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, ArgumentCollection, CycloptsError, Parameter, Token
 from cyclopts.validators import Number
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -223,9 +223,16 @@ app.command(
 )
 
 
+def _note_given(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Tell `synth` which fields stand on the command line: what is given holds for all rooms, even a default."""
+    for name in [argument.field_info.name for argument in arguments if argument.keys and argument.tokens]:
+        arguments["--given"].append(Token(value=name, source="given", index=len(arguments["--given"].tokens)))
+
+
 app.command(
     "gtlayout.synth.command:synth",
     name="synth",
+    config=_note_given,
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
 )
 

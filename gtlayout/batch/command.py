@@ -14,6 +14,7 @@ from gtlayout.batch.job import Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import Status
 from gtlayout.batch.run import run_batch
+from gtlayout.batch.run_folder import check_free
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.cli import NotNegative, Positive, stdout
 
@@ -56,14 +57,15 @@ def batch(
     memory_limit
         What a worker on this machine may take with its scene, as 4GiB; its share of the memory when not given.
     timeout
-        Seconds after which a scene is given up.
+        Seconds after which an attempt at a scene is given up; it has two.
     refine_cameras
-        As of `solve`.
+        As in `solve`.
     restarts
-        As of `solve`. Where there are more workers than scenes left, they share a scene's restarts.
+        As in `solve`. Where there are more workers than scenes left, they share a scene's restarts.
     seed
-        As of `solve`.
+        As in `solve`.
     """
+    check_free(out)
     scenes = find_scenes(roots, out)
     cluster = local_cluster(workers, memory_limit) if scheduler is None else existing_cluster(scheduler)
     with cluster as client, RunProgress() as progress:

@@ -36,10 +36,11 @@ class RunProgress:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         self._bars.stop()
 
-    def begin(self, scenes: int, dashboard: str) -> None:
-        """So many are to be done."""
+    def begin(self, scenes: int, threads: int, dashboard: str) -> None:
+        """So many are to be done, so many at a time."""
         self._total, self._start_s = scenes, time.monotonic()
-        self._console.print(f"{scenes} scene{'s' if scenes > 1 else ''}; Dask's dashboard: {dashboard}")
+        at_a_time = f"{threads} at a time" if threads else "waiting for workers"
+        self._console.print(f"{scenes} scene{'s' if scenes > 1 else ''}, {at_a_time}; Dask's dashboard: {dashboard}")
         self._bar = self._bars.add_task(self.line(), total=scenes)
 
     def done(self, record: Record, same: bool) -> None:

@@ -22,7 +22,7 @@ from gtlayout.batch.job import Job, Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import Record, scene_folder
 from gtlayout.batch.results import CannotWriteError, new_work_folder, publish
-from gtlayout.batch.run_folder import is_run, recorded, write_run, write_tables
+from gtlayout.batch.run_folder import recorded, write_run, write_tables
 from gtlayout.batch.worker import Outcome, Solvers, work_on
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
@@ -48,10 +48,8 @@ def run_batch(
     Returns the record of each. Whatever ends it early leaves finished scenes finished, and the same call goes on.
 
     Raises:
-        GtlayoutError: ``run`` holds something else or cannot be written, or the scheduler is lost.
+        GtlayoutError: ``run`` cannot be written, or the scheduler is lost.
     """
-    if run.exists() and not is_run(run) and (not run.is_dir() or any(run.iterdir())):
-        raise GtlayoutError(f"{run} holds something else than a run: name a new folder")
     code = program()
     write_run(run, list(scenes), asdict(Config(**asdict(settings))), code)
     plotly_file(run)
@@ -61,7 +59,7 @@ def run_batch(
         with _lease(run) as lease:
             template = Job("", "", str(run.resolve()), str(lease), settings, code, timeout_s, 0, settings.restarts)
             jobs = [replace(template, scene=name, source=str(path.resolve())) for name, path in scenes.items()]
-            progress.begin(len(scenes), client.dashboard_link)
+            progress.begin(len(scenes), _threads(client), client.dashboard_link)
             client.register_plugin(Solvers())
             for arrived in _outcomes(client, jobs):
                 if arrived is not None:
@@ -138,7 +136,7 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
     arrived: SimpleQueue[Future[Outcome | None]] = SimpleQueue()
     try:
         while waiting or pending:
-            threads = sum(client.nthreads().values())
+            threads = _threads(client)
             while waiting and len(pending) < max(1, AHEAD * threads):
                 job = waiting.popleft()
                 parts[job.scene] = []
@@ -160,6 +158,10 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
     finally:
         with suppress(Exception):  # There may be no scheduler left to tell.
             client.cancel([future for future, _ in pending.values()], force=True)
+
+
+def _threads(client: Client) -> int:
+    return sum(client.nthreads().values())
 
 
 def _split(job: Job, pieces: int) -> list[Job]:

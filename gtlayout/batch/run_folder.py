@@ -54,6 +54,12 @@ def is_run(folder: Path) -> bool:
     return (folder / RUN_FILE).is_file()
 
 
+def check_free(folder: Path) -> None:
+    """Raises GtlayoutError when a run cannot go to ``folder``, because it holds something else."""
+    if folder.exists() and not is_run(folder) and (not folder.is_dir() or any(folder.iterdir())):
+        raise GtlayoutError(f"{folder} holds something else than a run: name a new folder")
+
+
 def read_run(folder: Path) -> Run:
     """Read run.json and the records beside the results.
 

@@ -29,7 +29,7 @@ from gtlayout.batch.job import Answer, Attempt, Job, Settings
 from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Status, scene_folder
 from gtlayout.batch.results import CannotWriteError
 from gtlayout.config import Config
-from gtlayout.errors import GtlayoutError
+from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.evaluation import depth_error
 from gtlayout.io.files import write_all_atomic
 from gtlayout.method import Solution, solve
@@ -86,9 +86,7 @@ def _answer(attempt: Attempt) -> Answer:
     except Exception as error:
         # A bug must not cost the night's other scenes.
         traceback.print_exc()
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        what = " ".join(f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})".split())
-        return Answer(figures, "memory" if _out_of_memory(error) else "bug", what)
+        return Answer(figures, "memory" if _out_of_memory(error) else "bug", one_line(error))
     return Answer(figures | solved | {"seconds": time.perf_counter() - start})
 
 

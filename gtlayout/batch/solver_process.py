@@ -92,8 +92,8 @@ class SolverProcess:
             self._process = None
 
     def _started(self, program: str) -> subprocess.Popen[str]:
-        if self._process is None or self._process.poll() is not None:
-            self.close()
+        if self._process is None or self._process.poll() is not None or self._program != program:
+            self.close()  # an update since it was started, perhaps
             self._lines = SimpleQueue()
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "gtlayout.batch.solver"],
