@@ -11,11 +11,11 @@ from pathlib import Path
 from broken_scenes import FAULTS
 from command_line import GTLAYOUT
 from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Record, read_record, scene_folder
+from gtlayout.batch.solver_process import ONE_THREAD
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
 from gtlayout.results import REPORT_FILE, TIMINGS_FILE
 from metrics import Metric
-from runner import THREADS
 
 MARK = "GTLAYOUT_EVAL"
 """In the environment of all that a script starts, with its process id: so that it finds what it left behind."""
@@ -26,7 +26,7 @@ VARYING = {TIMINGS_FILE, REPORT_FILE, RECORD_FILE, SOLVE_LOG_FILE}
 def environment() -> dict[str, str]:
     """For all that is started: one thread each, faults where a scene asks for them, our mark."""
     path = os.pathsep.join([str(FAULTS), *filter(None, [os.environ.get("PYTHONPATH")])])
-    return {**os.environ, **dict.fromkeys(THREADS, "1"), MARK: str(os.getpid()), "PYTHONPATH": path}
+    return {**os.environ, **ONE_THREAD, MARK: str(os.getpid()), "PYTHONPATH": path}
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from gtlayout.cli import app
 from gtlayout.config import Config, QualityConfig
 from gtlayout.io import ANNOTATION_READERS, CAMERA_READERS
 from gtlayout.layout import HeldBy, Instance, Plane, Support
-from runner import THREADS
+from gtlayout.processes import THREADS
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "pages"
