@@ -22,7 +22,7 @@ from cyclopts.validators import Number
 from batch_runs import MARK, batch, course, differences, ends_s, environment
 from broken_scenes import make_data_set, wrongly_recorded
 from command_line import exit_status, new_app
-from dask_processes import DaskProcesses, dask_processes, kill, marked
+from dask_processes import DaskProcesses, dask_processes, kill, left_behind
 from gtlayout.batch.run_folder import recorded
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.errors import GtlayoutError
@@ -36,8 +36,6 @@ MEMORY = "1.5GiB"
 """Of a worker with its scene; what eats memory is to reach it soon."""
 END_S = 600.0
 """A run that takes longer to end, once nothing disturbs it any more, hangs."""
-ORPHAN_S = 15.0
-"""Solver processes whose worker is gone are given this long to notice."""
 
 Positive = Annotated[int, Parameter(validator=Number(gte=1))]
 app = new_app("batch", __doc__)
@@ -82,7 +80,7 @@ def trial(
     end_s = ends_s(run, records)
     wrong = wrongly_recorded(scenes, broken, records)
     wrong += [] if status == 3 else [f"exit status {status}, not 3"]
-    wrong += [f"process {process.pid} is left" for process in marked(MARK, str(os.getpid()))]
+    wrong += [f"process {pid} is left" for pid in left_behind(MARK, str(os.getpid()))]
     metrics = [
         *course(records, end_s, began_s, ended_s, workers),
         Metric("broken", len(broken), "", None),
@@ -160,7 +158,8 @@ def kills(
             run = out / f"disturbed-{len(done)}"
             done += disturb(dask, root, run, scenes, count - len(done), within, rng)
             wrong += [f"{run.name}: {line}" for line in differences(undisturbed, run, scenes)]
-            wrong += [f"{run.name}: solver process {pid} has no worker" for pid in orphans()]
+            left = left_behind(MARK, str(os.getpid()), orphans_only=True)
+            wrong += [f"{run.name}: process {pid} is left" for pid in left]
     rows = {
         f"{number} {one.victim}": [Metric("at", one.at_s, "s", None), Metric("finished", one.finished, "", None)]
         for number, one in enumerate(done, start=1)
@@ -229,21 +228,6 @@ def ended(command: subprocess.Popen[bytes], wait_s: float) -> bool:
     except subprocess.TimeoutExpired:
         return False
     return True
-
-
-def orphans() -> list[int]:
-    """Solver processes whose worker is gone, once they had time to end."""
-    until = time.monotonic() + ORPHAN_S
-    while True:
-        ours = {process.pid: process for process in marked(MARK, str(os.getpid()))}
-        left = [
-            pid
-            for pid, process in ours.items()
-            if "gtlayout.batch.solver" in process.cmdline() and process.ppid() not in ours
-        ]
-        if not left or time.monotonic() > until:
-            return left
-        time.sleep(0.5)
 
 
 @app.command

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -15,6 +16,8 @@ import psutil
 from distributed import Client
 
 START_S = 60.0
+END_S = 15.0
+"""What nobody waits for any more is given this long to notice and to end."""
 
 
 class DaskProcesses:
@@ -101,6 +104,18 @@ def kill(processes: list[psutil.Process]) -> None:
     for process in processes:
         with suppress(psutil.NoSuchProcess):
             process.kill()
+
+
+def left_behind(name: str, value: str, *, orphans_only: bool = False) -> list[int]:
+    """Processes with this variable in their environment that never end by themselves, or those whose parent is gone."""
+    until = time.monotonic() + END_S
+    while True:
+        ours = {process.pid: process for process in marked(name, value)}
+        parents = {*ours, os.getpid()} if orphans_only else set()
+        left = [pid for pid, process in ours.items() if process.ppid() not in parents]
+        if not left or time.monotonic() > until:
+            return left
+        time.sleep(0.2)
 
 
 def marked(name: str, value: str) -> list[psutil.Process]:
