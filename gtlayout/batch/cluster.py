@@ -16,8 +16,8 @@ from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.system import MEMORY_LIMIT
 
 from gtlayout.batch.fingerprint import program
-from gtlayout.batch.solver_process import ONE_THREAD
 from gtlayout.errors import GtlayoutError
+from gtlayout.threads import ONE_THREAD
 
 WORKER_BYTES = 3 << 29
 """1.5 GiB for each worker: a film of 2,000 frames in full HD takes 0.6, a worker itself 0.15."""

@@ -23,6 +23,7 @@ from gtlayout.batch.job import Answer, Attempt
 from gtlayout.batch.record import SOLVE_LOG_FILE
 from gtlayout.batch.results import LeaseLostError
 from gtlayout.errors import GtlayoutError
+from gtlayout.threads import ONE_THREAD
 
 LOOK_EVERY_S = 0.1
 """Between two looks at a process's memory."""
@@ -32,8 +33,6 @@ START_S = 600.0
 """For its imports: a thousand processes may read them from one network disk at once."""
 GRACE_S = 5.0
 """When its time is up a process says where it is and ends by itself."""
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-"""One scene a core: its libraries must not want all cores, too. OpenCV is told in the process itself."""
 LOG_SAYS = f"where it was stands in {SOLVE_LOG_FILE}"
 ENDED = ""
 """In the place of a line."""
