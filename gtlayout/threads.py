@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-"""Environment of a process whose libraries are not to fight for the cores. OpenCV must be told in the process itself."""
+"""Environment of a process whose libraries are not to fight for the cores. OpenCV is to be told in the process."""
 
 
 @contextmanager
