@@ -19,7 +19,7 @@ from typing import IO
 
 import psutil
 
-from gtlayout.batch.job import Answer, Attempt
+from gtlayout.batch.job import Answer, Attempt, Job
 from gtlayout.batch.record import SOLVE_LOG_FILE
 from gtlayout.batch.results import LeaseLostError
 from gtlayout.errors import GtlayoutError
@@ -55,7 +55,9 @@ class SolverProcess:
             GtlayoutError: no process can be started, or it runs other code than the job was made for.
             LeaseLostError: the job's lease is gone.
         """
-        process, job = self._started(attempt.job.program), attempt.job
+        job = attempt.job
+        self._check_lease(job)  # Before a process is started: this may be the second attempt, of a run that was stopped.
+        process = self._started(job.program)
         _say(process, json.dumps(asdict(attempt)))
         resident = psutil.Process(process.pid)
         start_s = lease_seen_s = time.monotonic()
@@ -71,9 +73,7 @@ class SolverProcess:
                 self.close()  # ENDED comes next
             if now_s - lease_seen_s > LEASE_EVERY_S:
                 lease_seen_s = now_s
-                if not Path(job.lease).is_dir():
-                    self.close()
-                    raise LeaseLostError(job.lease)
+                self._check_lease(job)
         if line != ENDED:
             return Answer(**json.loads(line)), max(peak_bytes, _resident_bytes(resident))
         late = time.monotonic() - start_s >= job.timeout_s
@@ -111,6 +111,11 @@ class SolverProcess:
         if self._program != program:
             raise GtlayoutError(f"{platform.node()} has gtlayout {self._program}, the run was started with {program}")
         return self._process
+
+    def _check_lease(self, job: Job) -> None:
+        if not Path(job.lease).is_dir():
+            self.close()
+            raise LeaseLostError(job.lease)
 
     def _line(self, timeout_s: float) -> str | None:
         try:
