@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
+from gtlayout.batch import cluster
 from gtlayout.batch import fingerprint as fingerprints
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.job import Job, Settings
@@ -20,6 +21,7 @@ from gtlayout.batch.run import _merged, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
+from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
@@ -248,3 +250,37 @@ class TestRestarts:
             assert np.array_equal(one.normal, other.normal)
             assert one.d == other.d
         assert len({solution.quality.iou for solution in apart}) == 2
+
+
+class TestCommand:
+    """What is refused before anything is started or written."""
+
+    @pytest.fixture
+    def scenes(self, tmp_path: Path) -> str:
+        return str(_scene(tmp_path / "set" / "office", "transforms.json").parent)
+
+    @pytest.mark.parametrize(
+        "arguments",
+        [[], ["--out", "run", "--scheduler", "tcp://x:1", "--workers", "2"], ["--out", "run", "--timeout", "0"]],
+    )
+    def test_wrong_usage(self, scenes: str, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+        assert main(["batch", scenes, *arguments]) == 2
+        assert "Error" in capsys.readouterr().err
+
+    def test_known_problems(
+        self, scenes: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr(cluster, "CONNECT_S", 1)
+        run = str(tmp_path / "run")
+        for arguments, said in [
+            ([scenes, "--out", scenes], f"{scenes} holds something else than a run"),
+            ([f"{scenes}/nothing", "--out", run], f"no folder {scenes}/nothing"),
+            ([scenes, "--out", run, "--memory-limit", "lots"], "'lots' is no size of memory; write it as 4GiB"),
+            (
+                [scenes, "--out", run, "--scheduler", "tcp://127.0.0.1:1"],
+                "no Dask scheduler answers at tcp://127.0.0.1:1",
+            ),
+        ]:
+            assert main(["batch", *arguments]) == 1
+            assert capsys.readouterr().err.startswith(f"gtlayout: {said}")
+        assert not (tmp_path / "run").exists()

@@ -19,10 +19,11 @@ from typing import IO
 
 import psutil
 
-from gtlayout.batch.job import Answer, Attempt
+from gtlayout.batch.job import Answer, Attempt, Job
 from gtlayout.batch.record import SOLVE_LOG_FILE
 from gtlayout.batch.results import LeaseLostError
 from gtlayout.errors import GtlayoutError
+from gtlayout.threads import ONE_THREAD
 
 LOOK_EVERY_S = 0.1
 """Between two looks at a process's memory."""
@@ -32,8 +33,6 @@ START_S = 600.0
 """For its imports: a thousand processes may read them from one network disk at once."""
 GRACE_S = 5.0
 """When its time is up a process says where it is and ends by itself."""
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-"""One scene a core: its libraries must not want all cores, too. OpenCV is told in the process itself."""
 LOG_SAYS = f"where it was stands in {SOLVE_LOG_FILE}"
 ENDED = ""
 """In the place of a line."""
@@ -56,7 +55,9 @@ class SolverProcess:
             GtlayoutError: no process can be started, or it runs other code than the job was made for.
             LeaseLostError: the job's lease is gone.
         """
-        process, job = self._started(attempt.job.program), attempt.job
+        job = attempt.job
+        self._check_lease(job)  # Before a process is started: this may be the second attempt, of a run that was stopped.
+        process = self._started(job.program)
         _say(process, json.dumps(asdict(attempt)))
         resident = psutil.Process(process.pid)
         start_s = lease_seen_s = time.monotonic()
@@ -72,9 +73,7 @@ class SolverProcess:
                 self.close()  # ENDED comes next
             if now_s - lease_seen_s > LEASE_EVERY_S:
                 lease_seen_s = now_s
-                if not Path(job.lease).is_dir():
-                    self.close()
-                    raise LeaseLostError(job.lease)
+                self._check_lease(job)
         if line != ENDED:
             return Answer(**json.loads(line)), max(peak_bytes, _resident_bytes(resident))
         late = time.monotonic() - start_s >= job.timeout_s
@@ -112,6 +111,11 @@ class SolverProcess:
         if self._program != program:
             raise GtlayoutError(f"{platform.node()} has gtlayout {self._program}, the run was started with {program}")
         return self._process
+
+    def _check_lease(self, job: Job) -> None:
+        if not Path(job.lease).is_dir():
+            self.close()
+            raise LeaseLostError(job.lease)
 
     def _line(self, timeout_s: float) -> str | None:
         try:
