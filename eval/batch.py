@@ -150,13 +150,14 @@ def kills(
     done: list[Kill] = []
     wrong: list[str] = []
     rng = random.Random(seed)
+    victims = [victim for _ in range(0, count, len(VICTIMS)) for victim in rng.sample(VICTIMS, len(VICTIMS))][:count]
     with dask_processes(logs, 2, environment()) as dask:
         with batch(root, undisturbed, ["--scheduler", dask.address], log := out / "undisturbed.log") as command:
             status = finish(command, log)
         wrong += [] if status in (0, 3) else [f"undisturbed: exit status {status}"]
         while len(done) < count and not wrong:
             run = out / f"disturbed-{len(done)}"
-            done += disturb(dask, root, run, scenes, count - len(done), within, rng)
+            done += disturb(dask, root, run, scenes, victims[len(done) :], within, rng)
             wrong += [f"{run.name}: {line}" for line in differences(undisturbed, run, scenes)]
             left = left_behind(MARK, str(os.getpid()), orphans_only=True)
             wrong += [f"{run.name}: process {pid} is left" for pid in left]
@@ -173,11 +174,11 @@ def disturb(
     root: Path,
     run: Path,
     scenes: Mapping[str, Path],
-    count: int,
+    victims: Sequence[str],
     within_s: float,
     rng: random.Random,
 ) -> list[Kill]:
-    """Run the command again and again until it is done, with at most ``count`` kills.
+    """Run the command again and again until it is done, killing one after the other of ``victims`` meanwhile.
 
     Raises GtlayoutError when it hangs, or ends with a status that has no such cause.
     """
@@ -187,8 +188,8 @@ def disturb(
         dask.restore()
         with batch(root, run, ["--scheduler", dask.address], log) as command:
             start = time.monotonic()
-            while len(done) < count and not ended(command, rng.uniform(0, within_s)):
-                victim = rng.choice(VICTIMS)
+            while len(done) < len(victims) and not ended(command, rng.uniform(0, within_s)):
+                victim = victims[len(done)]
                 finished = len(recorded(run, scenes))
                 strike(victim, command, dask, rng)
                 done.append(Kill(victim, time.monotonic() - start, finished))

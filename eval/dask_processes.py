@@ -61,11 +61,15 @@ class DaskProcesses:
         return psutil.Process(self._running[name].pid)
 
     def worker(self, name: str) -> psutil.Process:
-        """The worker itself. Raises psutil.NoSuchProcess while there is none."""
-        for child in self.nanny(name).children():
-            if "spawn_main" in " ".join(child.cmdline()):
-                return child
-        raise psutil.NoSuchProcess(self._running[name].pid)
+        """The worker itself, once its nanny has started it. Raises TimeoutError."""
+        until = time.monotonic() + START_S
+        while time.monotonic() < until:
+            for child in self.nanny(name).children():
+                with suppress(psutil.Error):
+                    if "spawn_main" in " ".join(child.cmdline()):
+                        return child
+            time.sleep(0.1)
+        raise TimeoutError(f"{name} does not come up: see {self._folder}")
 
     def close(self) -> None:
         """End all of them, and what they started."""

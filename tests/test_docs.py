@@ -24,7 +24,7 @@ from gtlayout.cli import app
 from gtlayout.config import Config, QualityConfig
 from gtlayout.io import ANNOTATION_READERS, CAMERA_READERS
 from gtlayout.layout import HeldBy, Instance, Plane, Support
-from gtlayout.processes import THREADS
+from gtlayout.threads import ONE_THREAD
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "pages"
@@ -191,7 +191,7 @@ def test_slurm_script_asks_for_jobs_of_one_core_and_one_thread() -> None:
     assert "--nworkers" not in worker
     threads = next(line for line in lines if line.startswith("export "))
     assert lines.index(threads) < lines.index(worker)
-    assert set(threads.split()[1:]) == {f"{name}=1" for name in THREADS}
+    assert set(threads.split()[1:]) == {f"{name}={number}" for name, number in ONE_THREAD.items()}
 
 
 def test_messages_in_troubleshooting_are_the_programs_own() -> None:
