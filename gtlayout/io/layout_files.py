@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections.abc import Mapping
 from dataclasses import asdict
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args
@@ -47,7 +48,6 @@ def write_results(
     Raises:
         GtlayoutError: the folder or disk does not take them.
     """
-    versions = {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
     optional: dict[Path, bytes | str] = {}
     if cameras_refined:
         optional[out_dir / CAMERAS_FILE] = refined_cameras_text(scene)
@@ -59,7 +59,7 @@ def write_results(
             out_dir / "layout.ply": ply_bytes(layout),
             out_dir / "layout.glb": glb_bytes(layout),
             out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
-            out_dir / "config.json": json_text({"versions": versions, "config": asdict(config)}),
+            out_dir / "config.json": json_text({"versions": package_versions(), "config": asdict(config)}),
             # Last, because it is what says that a scene is solved.
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
         }
@@ -67,6 +67,12 @@ def write_results(
     for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE):
         if out_dir / stale not in optional:
             (out_dir / stale).unlink(missing_ok=True)
+
+
+@cache
+def package_versions() -> dict[str, str]:
+    """What a layout was made with."""
+    return {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
 
 
 def read_layout(out_dir: Path, scene: Scene) -> Layout:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,14 @@ from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import read_json, write_atomic
-from gtlayout.io.images import read_rgb
-from gtlayout.io.layout_files import read_layout
+from gtlayout.io.layout_files import package_versions, read_layout
 from gtlayout.io.refined_cameras import with_refined_cameras
+from gtlayout.method import Solution
 from gtlayout.quality import assess
 from gtlayout.report.data import report_data
+from gtlayout.report.frames import photo
 from gtlayout.report.page import page
 from gtlayout.results import TIMINGS_FILE
-from gtlayout.scene import ImageArray, Scene
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def write_report(scene_dir: Path, folder: Path, out: Path, progress: Callable[[i
     quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())
     photos = []
     for number in range(len(scene.key_frames)):
-        photos.append(_photo(scene, number))
+        photos.append(photo(scene, number))
         progress(number + 1, len(scene.key_frames))
     data = report_data(
         scene,
@@ -59,6 +59,25 @@ def write_report(scene_dir: Path, folder: Path, out: Path, progress: Callable[[i
         warnings=records.warnings or scene.warnings,
     )
     write_atomic(out, page(data))
+
+
+def solved_page(solution: Solution, plotly_src: str) -> str:
+    """The page of what has just been solved, for folders of many: plotly.js is not in it, see ``page``.
+
+    A key frame's image that cannot be read only leaves its place in the page empty.
+    """
+    scene = solution.scene
+    data = report_data(
+        scene,
+        solution.layout,
+        solution.quality,
+        [photo(scene, number) for number in range(len(scene.key_frames))],
+        timings_s=solution.timings_s,
+        config=asdict(solution.config),
+        versions=package_versions(),
+        warnings=scene.warnings,
+    )
+    return page(data, plotly_src)
 
 
 def read_records(folder: Path) -> Records:
@@ -79,10 +98,3 @@ def read_records(folder: Path) -> Records:
 
 def _optional(path: Path) -> dict[str, Any]:
     return read_json(path) if path.exists() else {}
-
-
-def _photo(scene: Scene, number: int) -> ImageArray | None:
-    try:
-        return read_rgb(scene.frame_of(number))
-    except GtlayoutError:
-        return None

@@ -15,6 +15,8 @@ import numpy.typing as npt
 from shapely import MultiPolygon
 
 from gtlayout.colors import instance_colors
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.images import read_rgb
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
 from gtlayout.raster import LabelImage, annotated_labels, rings_of
@@ -60,7 +62,7 @@ def key_frame_data(
         "width": camera.width,
         "height": camera.height,
         "photo": None if photo is None else _jpeg(photo, size),
-        "rendering": _png(_painted(_shrunk(rendered, size))),
+        "rendering": _png(painted(_shrunk(rendered, size))),
         "differences": _png(_differing(_shrunk(rendered, size), _shrunk(annotated, size))),
         # Doors and windows last: on top of their walls.
         "drawn": sorted(drawn, key=lambda one: bool(one["opening"])),
@@ -73,6 +75,14 @@ def key_frame_data(
     }
 
 
+def photo(scene: Scene, number: int) -> ImageArray | None:
+    """(H, W, 3) RGB of key frame ``number``; None when it cannot be read."""
+    try:
+        return read_rgb(scene.frame_of(number))
+    except GtlayoutError:
+        return None
+
+
 def shown_width(width_px: int, key_frames: int) -> int:
     """Width of an image in the page: at most 960 px, less where there are many."""
     most = MAX_WIDTH_PX * min(1.0, math.sqrt(FULL_SIZE_FRAMES / max(key_frames, 1)))
@@ -83,11 +93,12 @@ def _shrunk(labels: LabelImage, size: tuple[int, int]) -> LabelImage:
     return cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST).astype(np.int32, copy=False)
 
 
-def _painted(labels: LabelImage) -> npt.NDArray[np.uint8]:
+def painted(labels: LabelImage) -> npt.NDArray[np.uint8]:
     """(H, W, 4) RGBA: instances in their colours, white where two of them meet."""
-    image = np.zeros((*labels.shape, 4), dtype=np.uint8)
-    image[labels >= 0] = (0, 0, 0, _FILL_ALPHA)
-    image[..., :3][labels >= 0] = instance_colors(labels[labels >= 0])
+    palette = np.zeros((labels.max() + 2, 4), dtype=np.uint8)  # the last, of -1, is clear
+    palette[:-1, :3] = instance_colors(range(len(palette) - 1))
+    palette[:-1, 3] = _FILL_ALPHA
+    image = palette[labels]
     border = np.zeros(labels.shape, dtype=bool)
     border[:, 1:] |= labels[:, 1:] != labels[:, :-1]
     border[1:] |= labels[1:] != labels[:-1]
@@ -118,15 +129,17 @@ def _label_point(region: MultiPolygon) -> tuple[float, float]:
 
 def _jpeg(rgb: ImageArray, size: tuple[int, int]) -> str:
     smaller = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
-    return _encoded(".jpg", cv2.cvtColor(smaller, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    jpeg = encoded(".jpg", cv2.cvtColor(smaller, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return data_uri("image/jpeg", jpeg)
 
 
 def _png(rgba: npt.NDArray[np.uint8]) -> str:
-    return _encoded(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    png = encoded(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    return data_uri("image/png", png)
 
 
-def _encoded(suffix: str, image: npt.NDArray[Any], options: Sequence[int]) -> str:
+def encoded(suffix: str, image: npt.NDArray[Any], options: Sequence[int]) -> bytes:
+    """An image file of (H, W, 3) BGR or (H, W, 4) BGRA uint8."""
     ok, data = cv2.imencode(suffix, image, options)
     assert ok, "OpenCV always encodes uint8 images"
-    media_type = {".jpg": "image/jpeg", ".png": "image/png"}[suffix]
-    return data_uri(media_type, data.tobytes())
+    return data.tobytes()

@@ -1,24 +1,44 @@
-"""The page itself: the template with the data, styles, scripts and plotly.js in it."""
+"""The page itself: the template with the data, styles and scripts in it; plotly.js in it, too, or in a file beside."""
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
+from gtlayout.io.files import write_atomic
 
-def page(data: dict[str, Any]) -> str:
+PLOTLY_FILE = "plotly.min.js"
+"""What the pages of a run share, in its folder."""
+
+
+def page(data: dict[str, Any], plotly_src: str | None = None) -> str:
     """HTML of what ``report_data`` gives. The same bytes for the same data; it asks for nothing over the network.
 
-    All text is escaped, in the JSON for the 3D view, too (``tojson`` writes < > & ' as ``\\u003c`` …).
+    ``plotly_src`` is the address, relative to the page, of what ``plotly_file`` writes; without it the page has these
+    4.8 MB in it. All text is escaped, in the JSON for the 3D view, too (``tojson`` writes < > & ' as ``\\u003c`` …).
     """
-    environment = Environment(
+    plotly_js = get_plotlyjs() if data["room"] is not None and plotly_src is None else ""
+    return environment().get_template("template.html").render(data, plotly_js=plotly_js, plotly_src=plotly_src)
+
+
+def plotly_file(folder: Path) -> None:
+    """Write plotly.js into a folder unless it is there already. Raises GtlayoutError when the disk does not take it."""
+    path, content = folder / PLOTLY_FILE, get_plotlyjs().encode()
+    if not path.is_file() or path.read_bytes() != content:
+        write_atomic(path, content)
+
+
+@cache
+def environment() -> Environment:
+    """Templates of this folder, compiled once a process: that takes longer than to fill one in."""
+    return Environment(
         loader=PackageLoader("gtlayout.report", ""),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    plotly_js = get_plotlyjs() if data["room"] is not None else ""  # 4.8 MB
-    return environment.get_template("template.html").render(data, plotly_js=plotly_js)

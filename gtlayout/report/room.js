@@ -108,9 +108,16 @@ for (const id of ["cut-away", "show-dimensions", "show-path"]) document.getEleme
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
 
 function start() {
-  const script = document.createElement("script");
-  script.textContent = document.getElementById("plotly-source").textContent;
-  document.head.append(script);
+  const source = document.getElementById("plotly-source");
+  if (source) {
+    const script = document.createElement("script");
+    script.textContent = source.textContent;
+    document.head.append(script);
+  }
+  if (!window.Plotly) {
+    view.textContent = "Nothing can be drawn: plotly.min.js, which this page shares with others of its run, is not in its place.";
+    return;
+  }
   draw().then(() => {
     view.dataset.drawn = "yes";
     view.on("plotly_relayout", (change) => {
