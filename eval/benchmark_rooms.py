@@ -2,49 +2,22 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
-from rich.progress import track
-
 from command_line import Jobs, exit_status, new_app
+from gtlayout.cli import progress_bars
 from gtlayout.errors import GtlayoutError
-from gtlayout.synth import SynthConfig, synthesize
-from gtlayout.synth.errors import AnnotatorErrors, CameraErrors
+from gtlayout.synth import SynthConfig, levels
+from gtlayout.synth.data_set import make_rooms
 from gtlayout.synth.room import RoomKind
 
-CLEAN = SynthConfig(frames=30, key_every=6, width=400, height=300)
-TYPICAL = replace(
-    CLEAN,
-    texture=0.5,
-    shutter_share=0.3,
-    exposure_sigma_ev=0.2,
-    annotator=AnnotatorErrors(corner_sigma_px=2.0, edge_sigma_px=2.0, missing_occlusion_share=0.1),
-    camera_errors=CameraErrors(rotation_sigma_deg=0.05, position_sigma_m=0.003),
-)
-POOR = replace(
-    CLEAN,
-    texture=0.2,
-    noise_sigma=4.0,
-    shutter_share=0.5,
-    exposure_sigma_ev=0.4,
-    annotator=AnnotatorErrors(
-        corner_sigma_px=2.5,
-        edge_sigma_px=4.0,
-        missing_share=0.05,
-        swapped_share=0.05,
-        missing_occlusion_share=0.3,
-        no_visible_share=0.1,
-    ),
-    camera_errors=CameraErrors(rotation_sigma_deg=0.15, position_sigma_m=0.01),
-)
-LEVELS = {"clean": CLEAN, "typical": TYPICAL, "poor": POOR}
-"""A careful annotator and exact cameras; what one may hope for; what also comes in."""
+LEVELS = {
+    level: replace(config, frames=30, key_every=6, width=400, height=300) for level, config in levels.LEVELS.items()
+}
 SEEDS = 2
 """Rooms of each kind, path and level."""
 
@@ -72,13 +45,10 @@ def make(out: Path, /, *, paths: Path | None = None, jobs: Jobs = 1) -> None:
         if not recorded:
             raise GtlayoutError(f"no camera file (*.txt) in {paths}")
         configs |= replays(recorded)
-    todo = {out / name: config for name, config in configs.items() if not (out / name).exists()}
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-        running = [pool.submit(synthesize, folder, config) for folder, config in todo.items()]
-        for done in track(as_completed(running), "rooms", total=len(running), disable=not sys.stderr.isatty()):
-            done.result()
-    print(f"{len(todo)} rooms made, {len(configs) - len(todo)} were there: {out}")
+    with progress_bars() as progress:
+        progress.stage("rooms")
+        made = make_rooms({out / name: config for name, config in configs.items()}, jobs, progress.progress)
+    print(f"{made} rooms made, {len(configs) - made} were there: {out}")
 
 
 def rooms() -> Iterator[tuple[str, SynthConfig]]:
@@ -90,7 +60,7 @@ def rooms() -> Iterator[tuple[str, SynthConfig]]:
                 room = replace(config, room=kind, seed=100 * number + seed)
                 yield f"orbit-{level}/{kind}-{seed}", replace(room, camera="orbit")
                 yield f"dolly-{level}/{kind}-{seed}", replace(room, camera="dolly")
-        yield f"rotation/{kind}-0", replace(CLEAN, room=kind, seed=100 * number, camera="rotation")
+        yield f"rotation/{kind}-0", replace(LEVELS["clean"], room=kind, seed=100 * number, camera="rotation")
 
 
 def replays(recorded: list[Path]) -> Iterator[tuple[str, SynthConfig]]:
@@ -98,7 +68,8 @@ def replays(recorded: list[Path]) -> Iterator[tuple[str, SynthConfig]]:
     kinds: tuple[RoomKind, ...] = get_args(RoomKind)
     for number, path in enumerate(recorded):
         kind = kinds[number % len(kinds)]
-        yield f"re10k-typical/{path.stem}", replace(TYPICAL, room=kind, seed=500 + number, camera="dolly", replay=path)
+        room = replace(LEVELS["typical"], room=kind, seed=500 + number)
+        yield f"re10k-typical/{path.stem}", replace(room, camera="dolly", replay=path)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import multiprocessing
-import os
 import sys
-import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from itertools import chain
 from pathlib import Path
 
 import cv2
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from gtlayout import __version__
-from gtlayout.errors import GtlayoutError
+from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
+from gtlayout.batch.scenes import has_cameras
+from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.io import CAMERA_READERS
-from gtlayout.io.cad_estate import image_folder
 from gtlayout.io.files import read_json, write_json_atomic
-from gtlayout.results import FOLDER
+from gtlayout.threads import single_threaded
 from metrics import FORMAT, Metric, read_rows
 
 SceneRows = dict[str, list[Metric]]
@@ -32,11 +28,6 @@ SceneRows = dict[str, list[Metric]]
 Measure = Callable[[Path], Mapping[str, list[Metric]]]
 SCENES = "scenes"
 """Folder of the results of each scene, inside the folder of all results."""
-LARGE = {".jpg", ".jpeg", ".png", ".mp4", ".mov", ".mkv", ".webm"}
-"""Files of these kinds are known by name and size …"""
-SMALL_BYTES = 1 << 16
-"""… unless they are as small as label masks: then, like all other files, by what is in them."""
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -53,10 +44,10 @@ def find_scenes(root: Path) -> dict[str, Path]:
     """
     if not root.is_dir():
         raise GtlayoutError(f"no folder {root}")
-    if _has_cameras(root):
+    if has_cameras(root):
         return {root.resolve().name: root}
     below = sorted(path for path in root.iterdir() if path.is_dir() and not path.name.startswith("."))
-    scenes = {path.name: path for path in below if _has_cameras(path)}
+    scenes = {path.name: path for path in below if has_cameras(path)}
     if not scenes:
         looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in CAMERA_READERS)
         raise GtlayoutError(f"no scene in {root} and its folders; looked for {looked_for}")
@@ -82,8 +73,8 @@ def run_scenes(
     """Measure each scene, or take the result of an earlier run when nothing it depends on has changed since.
 
     The result of each scene goes to ``out_dir/scenes/<name>.json`` as soon as it is there. It is taken again while
-    ``settings``, the version of gtlayout and the scene's files are the same. Code that changed within a version is not
-    noticed: remove the folder then.
+    ``settings``, gtlayout's code and the scene's files are the same. Changes in the scripts here are not noticed:
+    remove the folder then.
 
     A scene that fails is named on stderr, with the reason in its file, and tried again by the next run; the others
     go on.
@@ -105,7 +96,8 @@ def run_scenes(
         if Path(name).name != name or name.startswith("."):
             raise GtlayoutError(f"scene {name!r} cannot be a file name: call it otherwise")
     files = {name: out_dir / SCENES / f"{name}.json" for name in scenes}
-    fingerprints = {name: _fingerprint(path, out_dir, settings) for name, path in scenes.items()}
+    decides = repr((program(), settings))
+    fingerprints = {name: fingerprint(inputs_of(path, decides, [out_dir]), decides) for name, path in scenes.items()}
     done = {name: rows for name in scenes if (rows := _finished(files[name], fingerprints[name])) is not None}
     todo = {name: path for name, path in scenes.items() if name not in done}
     console = Console(stderr=True)
@@ -130,42 +122,6 @@ def errors_of(scenes: Mapping[str, Path], out_dir: Path) -> dict[str, str]:
     return {name: str(error) for name, error in found.items() if error is not None}
 
 
-def _has_cameras(path: Path) -> bool:
-    return any(reader.detect(path) for reader in CAMERA_READERS)
-
-
-def _fingerprint(scene: Path, out_dir: Path, settings: str) -> str:
-    """SHA-256 of all a result depends on, apart from the code within a version."""
-    digest = hashlib.sha256(repr((__version__, settings)).encode())
-    for path in _inputs(scene, out_dir):
-        try:
-            size = path.stat().st_size
-            by_content = path.suffix.lower() not in LARGE or size <= SMALL_BYTES
-            content = hashlib.sha256(path.read_bytes()).hexdigest() if by_content else ""
-        except OSError as error:
-            raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-        digest.update(repr((os.path.relpath(path, scene), size, content)).encode())
-    return digest.hexdigest()
-
-
-def _inputs(scene: Path, out_dir: Path) -> list[Path]:
-    """Files of a scene, sorted, through links; without results and hidden files."""
-    inputs: list[Path] = []
-    left_out = {(scene / FOLDER).resolve(), out_dir.resolve()}
-    seen: set[Path] = set()
-    # CAD-Estate keeps the images of all clips of a video outside their folders.
-    roots = [scene, *([folder] if (folder := image_folder(scene)) else [])]
-    for walked, below, names in chain.from_iterable(os.walk(root, followlinks=True) for root in roots):
-        if (real := Path(walked).resolve()) in seen | left_out:
-            below.clear()
-            continue
-        seen.add(real)
-        below[:] = [name for name in below if not name.startswith(".")]
-        files = [Path(walked, name) for name in names if not name.startswith(".")]
-        inputs += [path for path in files if path.is_file()]
-    return sorted(inputs)
-
-
 def _finished(path: Path, fingerprint: str) -> SceneRows | None:
     """The result in a file; None when there is none that may be taken again."""
     if not path.exists():
@@ -184,9 +140,7 @@ def _attempt(measure: Measure, path: Path) -> _Outcome:
         return _Outcome({}, str(error))
     except Exception as error:
         # A bug in one scene must not cost the night's other scenes.
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        return _Outcome({}, f"{what} ({Path(at.filename).name}:{at.lineno})")
+        return _Outcome({}, one_line(error))
 
 
 def _here(scenes: Mapping[str, Path], measure: Measure) -> Iterator[tuple[str, _Outcome]]:
@@ -209,7 +163,7 @@ def _in_processes(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> It
 
 def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
     """Outcomes as they come; None for scenes whose pool died before they were finished."""
-    with _single_threaded():
+    with single_threaded():
         # Spawned, because OpenCV's and GTSAM's threads do not survive a fork.
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,))
@@ -224,18 +178,3 @@ def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Ite
                 yield names[future], None if isinstance(error, BrokenProcessPool) else outcome
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _single_threaded() -> Iterator[None]:
-    """For processes started within: one thread each, or they would fight for the cores."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

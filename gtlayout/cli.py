@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, ArgumentCollection, CycloptsError, Parameter, Token
 from cyclopts.validators import Number
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -29,7 +29,7 @@ app = App(
     name="gtlayout",
     help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
     help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 3 something suspicious "
-    "(check), 130 interrupted.",
+    "(check) or some scenes failed (batch), 130 interrupted.",
     version=__version__,
     suppress_keyboard_interrupt=False,
 )
@@ -211,9 +211,28 @@ def report(scene_dir: SceneDir, /, *, layout: Path | None = None, out: Path | No
     stdout().print(f"Report: {page}")
 
 
+def _one_cluster(scheduler: str | None = None, **local: object) -> None:
+    if scheduler is not None and not local.keys().isdisjoint(("workers", "memory_limit")):
+        raise ValueError("--workers and --memory-limit are of this machine; a cluster with --scheduler has its own")
+
+
+app.command(
+    "gtlayout.batch.command:batch",
+    validator=_one_cluster,
+    help="Solve every scene in folders of scenes, in parallel; go on where an earlier run was cut short.",
+)
+
+
+def _note_given(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Tell `synth` which fields stand on the command line: what is given holds for all rooms, even a default."""
+    for name in [argument.field_info.name for argument in arguments if argument.keys and argument.tokens]:
+        arguments["--given"].append(Token(value=name, source="given", index=len(arguments["--given"].tokens)))
+
+
 app.command(
     "gtlayout.synth.command:synth",
     name="synth",
+    config=_note_given,
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
 )
 

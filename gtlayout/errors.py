@@ -1,5 +1,8 @@
 """The one exception gtlayout raises for problems a user can understand and mend."""
 
+import traceback
+from pathlib import Path
+
 MAX_CHARACTERS = 1000
 """A file's own words are quoted, and may be long."""
 
@@ -15,3 +18,9 @@ class GtlayoutError(Exception):
         line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message)
         half = MAX_CHARACTERS // 2
         super().__init__(line if len(line) <= MAX_CHARACTERS else f"{line[:half]} … {line[-half:]}")
+
+
+def one_line(error: BaseException) -> str:
+    """What an exception that nobody expected says, and where it came from."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return " ".join(f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})".split())

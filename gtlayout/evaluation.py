@@ -110,7 +110,7 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
             for instance, plane in zip(layout.instances, layout.planes, strict=True)
             if not plane.observable
         ),
-        depth=_depth_error(scene, layout),
+        depth=depth_error(scene, layout),
         planes=planes,
         missing_planes=tuple(n for n, p in (truth.planes.items() if truth else ()) if p.scored and n not in found),
         elements=len(named),
@@ -127,9 +127,9 @@ def _check_members(scene: Scene, layout: Layout) -> None:
         raise GtlayoutError(f"{scene.root}: the layout was made from other annotations; solve the scene again")
 
 
-def _depth_error(scene: Scene, layout: Layout) -> DepthError | None:
+def depth_error(scene: Scene, layout: Layout) -> DepthError | None:
     """Over all pixels of visible parts with measured depth, each compared with the element it was drawn on or whatever
-    surface the layout shows there.
+    surface the layout shows there; None without any. Raises GtlayoutError when a depth map cannot be read.
     """
     errors: list[FloatArray] = []
     owners: list[int] = []

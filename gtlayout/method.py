@@ -7,8 +7,8 @@ as one factor graph.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -90,13 +90,18 @@ class _Stages:
         self.timings_s[name] = self.timings_s.get(name, 0.0) + time.perf_counter() - start
 
 
-def solve(scene: Scene, config: Config | None = None, observer: Observer | None = None) -> Solution:
+def solve(
+    scene: Scene, config: Config | None = None, observer: Observer | None = None, restarts: range | None = None
+) -> Solution:
     """Reconstruct the room of ``scene``, with the default configuration when none is given.
 
     ``config.restarts`` solves are made from the same tracks and the one with the best reprojection IoU is kept
     (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them. Where the
     planes of the first show that instances are one or two, these are joined or split and solved again; the warnings
     say so.
+
+    ``restarts`` are those of them to make here, all when not given: parts of one scene can be solved apart, and the
+    best of their solutions, the first of equals, is that of all.
 
     Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
     """
@@ -155,13 +160,21 @@ def solve(scene: Scene, config: Config | None = None, observer: Observer | None 
         layout = Layout(instances, planes, extents, mesh, scene.metric, dimensions)
         return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
 
-    best = run(0)
-    for restart in range(1, config.restarts):
-        # A random share of the tracks may be too few; the solve from all of them stands.
-        with suppress(GtlayoutError):
-            best = max(best, run(restart), key=lambda solution: solution.quality.iou)
-
+    best = _best(run, range(config.restarts) if restarts is None else restarts)
     _show(best, observer)
+    return best
+
+
+def _best(run: Callable[[int], Solution], restarts: range) -> Solution:
+    """The first of those with the highest IoU. Raises GtlayoutError when there is none."""
+    best: Solution | None = None
+    for restart in restarts:
+        # A random share of the tracks may be too few; the solve from all of them stands.
+        with suppress(GtlayoutError) if restart else nullcontext():
+            solution = run(restart)
+            best = solution if best is None or solution.quality.iou > best.quality.iou else best
+    if best is None:
+        raise GtlayoutError(f"too few tracks in each of the restarts {restarts.start} to {restarts.stop - 1}")
     return best
 
 

@@ -61,15 +61,20 @@ def camera_line(cameras: CameraReport, metric: bool) -> str:
 def verdict(scene: Scene, layout: Layout, quality: Quality) -> str:
     """One line: accepted or not by its IoU, what the marginals predict, and what to redraw first."""
     worst = quality.elements[quality.worst_element]
-    frame = scene.frame_of(worst.key_frame).name
-    element = scene.key_frames[worst.key_frame].elements[worst.element].id
     openings = "" if quality.openings_iou is None else f" (doors and windows alone {quality.openings_iou:.3f})"
     return (
         f"{'Accepted' if quality.accepted else 'NOT accepted'}: IoU {quality.iou:.3f}{openings}. "
         f"{_prediction(quality).capitalize()}. "
         f"Worst frame {scene.frame_of(quality.worst_frame).name} ({quality.frames[quality.worst_frame]:.3f}), "
-        f"worst element {layout.instances[worst.instance].name} = {element} in {frame} ({worst.iou:.3f})."
+        f"worst element {worst_drawing(scene, layout, quality)} ({worst.iou:.3f})."
     )
+
+
+def worst_drawing(scene: Scene, layout: Layout, quality: Quality) -> str:
+    """What to redraw first: the instance, and the annotator's id of its drawing with the frame."""
+    worst = quality.elements[quality.worst_element]
+    element = scene.key_frames[worst.key_frame].elements[worst.element].id
+    return f"{layout.instances[worst.instance].name} = {element} in {scene.frame_of(worst.key_frame).name}"
 
 
 def markdown(layout: Layout, quality: Quality) -> str:

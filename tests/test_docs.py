@@ -127,7 +127,8 @@ def test_every_command_and_option_is_described(pages: dict[Path, Page], site: Pa
     assert {"solve", "import"} <= set(commands)
     for name in commands:
         assert f"gtlayout {name}" in text
-        options = {flag for argument in app[name].assemble_argument_collection() for flag in argument.names}
+        arguments = [argument for argument in app[name].assemble_argument_collection() if argument.show]
+        options = {flag for argument in arguments for flag in argument.names}
         assert [flag for flag in options if flag.startswith("--") and flag not in text] == []
 
 

@@ -77,7 +77,14 @@ class Record:
     fingerprint: str = ""
     """SHA-256 of inputs, configuration and version; empty when they could not be read."""
     stamp: str = ""
-    """Hash of names, sizes and times of the inputs: while it stays, they need not be read to know the fingerprint."""
+    """As the fingerprint, with sizes and times in the place of contents: while it stays, no input need be read."""
+    files: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of each file beside the record; not in the tables."""
+
+
+def scene_folder(run: Path, scene: str) -> Path:
+    """Where the results of a scene go."""
+    return run / SCENES / scene
 
 
 def write_record(path: Path, record: Record) -> None:

@@ -17,9 +17,9 @@ from gtlayout.batch.record import (
     PARQUET_FILE,
     RECORD_FILE,
     RUN_FILE,
-    SCENES,
     Record,
     read_record,
+    scene_folder,
 )
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json, write_all_atomic, write_json_atomic
@@ -43,11 +43,6 @@ class Run:
     """Of gtlayout."""
 
 
-def scene_folder(run: Path, scene: str) -> Path:
-    """Where the results of a scene go."""
-    return run / SCENES / scene
-
-
 def write_run(folder: Path, scenes: Sequence[str], config: Mapping[str, Any], version: str) -> None:
     """Write run.json. Raises GtlayoutError when the disk does not take it."""
     run = {"format": FORMAT, "version": version, "config": dict(config), "scenes": list(scenes)}
@@ -57,6 +52,12 @@ def write_run(folder: Path, scenes: Sequence[str], config: Mapping[str, Any], ve
 def is_run(folder: Path) -> bool:
     """Whether ``gtlayout batch`` made this folder."""
     return (folder / RUN_FILE).is_file()
+
+
+def check_free(folder: Path) -> None:
+    """Raises GtlayoutError when a run cannot go to ``folder``, because it holds something else."""
+    if folder.exists() and not is_run(folder) and (not folder.is_dir() or any(folder.iterdir())):
+        raise GtlayoutError(f"{folder} holds something else than a run: name a new folder")
 
 
 def read_run(folder: Path) -> Run:
@@ -112,7 +113,7 @@ def _table(records: Sequence[Record]) -> pa.Table:
                 f"seconds_{stage}": pa.array([record.stages_s.get(stage) for record in records], pa.float64())
                 for stage in stages
             }
-        else:
+        elif one.name != "files":
             kind = _TYPES.get(str(one.type).removesuffix(" | None"), pa.string())
             columns[one.name] = pa.array([getattr(record, one.name) for record in records], kind)
     return pa.table(columns)

@@ -35,10 +35,10 @@ def files_of_kind(kind: AnnotationKind) -> Callable[[Path], list[Path]]:
 
     def find(root: Path) -> list[Path]:
         try:
-            folders, kinds = [root], _kinds(root)
+            folders, kinds = [root], kinds_in(root)
             for _ in range(MAX_DEPTH if not kinds else 0):
                 folders = [path for folder in folders for path in sorted(folder.iterdir()) if path.is_dir()]
-                kinds = {path: found for folder in folders for path, found in _kinds(folder).items()}
+                kinds = {path: found for folder in folders for path, found in kinds_in(folder).items()}
                 if kinds:
                     break
         except OSError as error:
@@ -48,7 +48,8 @@ def files_of_kind(kind: AnnotationKind) -> Callable[[Path], list[Path]]:
     return find
 
 
-def _kinds(folder: Path) -> dict[Path, AnnotationKind]:
+def kinds_in(folder: Path) -> dict[Path, AnnotationKind]:
+    """The annotation files right in ``folder``, sorted by name, with the kind of each. Raises OSError."""
     files = [path for path in sorted(folder.iterdir()) if path.suffix in (".json", ".xml") and path.is_file()]
     return {path: kind for path in files if (kind := _kind(path)) is not None}
 

@@ -6,10 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 from gtlayout.cli import progress_bars, stdout
+from gtlayout.processes import cores
 from gtlayout.synth import synthesize
 from gtlayout.synth.config import SynthConfig
+from gtlayout.synth.data_set import make_data_set
 
 DEFAULT = SynthConfig()
 
@@ -18,16 +21,31 @@ def synth(
     out: Annotated[Path, Parameter(name="OUT")],
     /,
     *,
+    count: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     config: Annotated[SynthConfig, Parameter(name="*")] = DEFAULT,
+    given: Annotated[tuple[str, ...], Parameter(show=False)] = (),
 ) -> None:
     """Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.
 
     Parameters
     ----------
     out
-        Folder to make; it must not exist or be empty.
+        Folder to make; it must not exist or be empty. With --count it may hold rooms made with the same flags.
+    count
+        Make a data set of so many rooms, OUT/room_0000 …, on all cores. Room, camera (orbit or dolly), images and
+        errors vary from clean to poor; flags that are given hold for all rooms. Those that are there are left as they
+        are: the same command again goes on, a greater number adds rooms.
+    config
+        What the room is made of.
+    given
+        Fields of ``config`` that stand on the command line.
     """
     with progress_bars() as progress:
-        progress.stage("synthesis")
-        synthesize(out, config, progress.progress)
-    stdout().print(f"Scene: {out}")
+        if count is None:
+            progress.stage("synthesis")
+            synthesize(out, config, progress.progress)
+            stdout().print(f"Scene: {out}")
+        else:
+            progress.stage("rooms")
+            made = make_data_set(out, count, config, given, cores(), progress.progress)
+            stdout().print(f"Rooms: {out} ({made} made, {count - made} were there)")

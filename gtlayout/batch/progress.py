@@ -1,0 +1,75 @@
+"""How a run is getting on, told while it does: a bar on a terminal, a line now and then elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from datetime import timedelta
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+
+from gtlayout.batch.record import Record, Status
+
+LINE_EVERY_S = 30.0
+"""Without a terminal."""
+
+
+class RunProgress:
+    """Counts scenes and says so on stderr."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+        columns = (BarColumn(bar_width=20), TextColumn("{task.description}", markup=False))
+        terminal = self._console.is_terminal
+        self._bars = Progress(*columns, console=self._console, disable=not terminal, refresh_per_second=2)
+        self._bar: TaskID | None = None
+        self._total = self._solved = 0
+        self._counts: Counter[Status] = Counter()
+        self._start_s = self._said_s = time.monotonic()
+
+    def __enter__(self) -> RunProgress:
+        self._bars.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._bars.stop()
+
+    def begin(self, scenes: int, threads: int, dashboard: str) -> None:
+        """So many are to be done, so many at a time."""
+        self._total, self._start_s = scenes, time.monotonic()
+        at_a_time = f"{threads} at a time" if threads else "waiting for workers"
+        self._console.print(f"{scenes} scene{'s' if scenes > 1 else ''}, {at_a_time}; Dask's dashboard: {dashboard}")
+        self._bar = self._bars.add_task(self.line(), total=scenes)
+
+    def done(self, record: Record, same: bool) -> None:
+        """One is; ``same``: it was before this run, and its results are still good."""
+        self._counts[record.status] += 1
+        self._solved += not same
+        if record.status == "failed" and not same:
+            self._console.print(f"{record.scene} failed ({record.failure}): {record.reason}")
+
+    def tick(self) -> None:
+        """Say how far it is, if it is time to."""
+        if self._bar is not None:
+            self._bars.update(self._bar, completed=self._counts.total(), description=self.line())
+        if self._bars.disable and time.monotonic() - self._said_s >= LINE_EVERY_S:
+            self._said_s = time.monotonic()
+            self._console.print(self.line())
+
+    def line(self) -> str:
+        """Scenes done, accepted, failed, rate and time left."""
+        done, elapsed_s = self._counts.total(), time.monotonic() - self._start_s
+        said = [
+            f"{done}/{self._total} done",
+            f"{self._counts['accepted']} accepted",
+            f"{self._counts['failed']} failed",
+        ]
+        if done > self._solved:
+            said.append(f"{done - self._solved} as before")
+        if self._solved:
+            rate = self._solved / elapsed_s
+            left = timedelta(seconds=round((self._total - done) / rate))
+            said += [f"{60 * rate:.3g} a minute", f"{left} left"]
+        return ", ".join(said)

@@ -1,0 +1,87 @@
+"""The results of a scene, from the folder they were made in to their place; which of them are still good."""
+
+from __future__ import annotations
+
+import shutil
+import uuid
+from dataclasses import replace
+from pathlib import Path
+
+from gtlayout.batch.fingerprint import sha256
+from gtlayout.batch.record import PASSING, RECORD_FILE, SOLVE_LOG_FILE, Record, read_record, write_record
+from gtlayout.errors import GtlayoutError
+
+TRIES = 10
+"""Two workers may put the same scene into its place at once, when one of them was taken for lost."""
+
+
+class CannotWriteError(Exception):
+    """Results cannot be written, which no other scene would change: the run must stop."""
+
+
+class LeaseLostError(CannotWriteError):
+    """The folder for work in progress is gone: nobody waits for the result any more."""
+
+    def __init__(self, lease: str) -> None:
+        super().__init__(f"{lease} is gone: was another gtlayout batch started into the same folder?")
+
+
+def new_work_folder(lease: Path) -> Path:
+    """A folder to fill, in ``lease``. Raises CannotWriteError."""
+    work = lease / uuid.uuid4().hex
+    try:
+        work.mkdir()
+    except FileNotFoundError:
+        raise LeaseLostError(str(lease)) from None
+    except OSError as error:
+        raise CannotWriteError(f"cannot write {work}: {error.strerror or error}") from error
+    return work
+
+
+def finished(place: Path) -> Record | None:
+    """The record of a finished scene whose files are all as they were written; None when it must be looked at again."""
+    try:
+        record = read_record(place / RECORD_FILE)
+        whole = all(sha256(place / name) == digest for name, digest in record.files.items())
+    except (GtlayoutError, OSError):
+        return None
+    return record if whole and record.failure not in PASSING else None
+
+
+def publish(record: Record, work: Path, place: Path) -> Record:
+    """Put the folder ``work`` with its record into ``place``, instead of what may be there, and return the record.
+
+    Of a failed scene only the log is kept. Killed at any moment, it leaves the old results, the new ones or none, never
+    some of both. Raises CannotWriteError.
+    """
+    try:
+        for path in work.iterdir() if record.status == "failed" else ():
+            if path.name != SOLVE_LOG_FILE:
+                path.unlink()
+        record = replace(record, files={path.name: sha256(path) for path in sorted(work.iterdir())})
+        write_record(work / RECORD_FILE, record)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        _swap(work, place)
+    except (OSError, GtlayoutError) as error:
+        if not work.parent.is_dir():
+            raise LeaseLostError(str(work.parent)) from error
+        raise CannotWriteError(f"cannot write {place}: {getattr(error, 'strerror', None) or error}") from error
+    return record
+
+
+def _swap(work: Path, place: Path) -> None:
+    if place.exists() and not (place / RECORD_FILE).exists() and any(place.iterdir()):
+        raise CannotWriteError(f"{place} holds something that is no result of a scene; move it elsewhere")
+    for tries_left in reversed(range(TRIES)):
+        old = work.with_name(uuid.uuid4().hex)
+        try:
+            if place.exists():
+                place.rename(old)
+            work.rename(place)
+        except OSError:
+            if tries_left == 0 or not work.exists():
+                raise
+        else:
+            break
+        finally:
+            shutil.rmtree(old, ignore_errors=True)

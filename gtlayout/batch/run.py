@@ -1,0 +1,204 @@
+"""A run from the client's side: jobs handed out a few at a time, results recorded as they come, until all are done."""
+
+from __future__ import annotations
+
+import shutil
+import time
+import uuid
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from queue import Empty, SimpleQueue
+
+from distributed import Client, Future
+from distributed.comm.core import CommClosedError
+from distributed.scheduler import KilledWorker
+
+from gtlayout.batch.fingerprint import program
+from gtlayout.batch.job import Job, Settings
+from gtlayout.batch.progress import RunProgress
+from gtlayout.batch.record import Record, scene_folder
+from gtlayout.batch.results import CannotWriteError, new_work_folder, publish
+from gtlayout.batch.run_folder import recorded, write_run, write_tables
+from gtlayout.batch.worker import Outcome, Solvers, work_on
+from gtlayout.config import Config
+from gtlayout.errors import GtlayoutError
+from gtlayout.report import plotly_file
+
+LEASE, GONE = ".in-progress-", ".gone-"
+"""Folders in that of the run, for what is being worked on by one session, and for what nobody waits for any more."""
+AHEAD = 2
+"""Jobs handed out per thread of the cluster: one to work on, one to go on with. The scheduler never holds more."""
+LOOK_EVERY_S = 1.0
+TABLES_EVERY_S = 5.0
+TABLES_SHARE = 0.02
+"""Of the time, at most, goes into writing the tables."""
+RETRIES = 1
+"""For jobs that a worker could not even begin."""
+
+
+def run_batch(
+    client: Client, scenes: Mapping[str, Path], run: Path, settings: Settings, timeout_s: float, progress: RunProgress
+) -> dict[str, Record]:
+    """Solve the ``scenes`` (name → folder) into the folder ``run``, except those whose results are still good.
+
+    Returns the record of each. Whatever ends it early leaves finished scenes finished, and the same call goes on.
+
+    Raises:
+        GtlayoutError: ``run`` cannot be written, or the scheduler is lost.
+    """
+    code = program()
+    write_run(run, list(scenes), asdict(Config(**asdict(settings))), code)
+    plotly_file(run)
+    tables = _Tables(run, recorded(run, scenes))
+    done: dict[str, Record] = {}
+    try:
+        with _lease(run) as lease:
+            template = Job("", "", str(run.resolve()), str(lease), settings, code, timeout_s, 0, settings.restarts)
+            jobs = [replace(template, scene=name, source=str(path.resolve())) for name, path in scenes.items()]
+            progress.begin(len(scenes), _threads(client), client.dashboard_link)
+            client.register_plugin(Solvers())
+            for arrived in _outcomes(client, jobs):
+                if arrived is not None:
+                    record, same = arrived
+                    done[record.scene] = tables.records[record.scene] = record
+                    progress.done(record, same)
+                tables.write_when_due()
+                progress.tick()
+    except CannotWriteError as error:
+        raise GtlayoutError(f"{error}; finished scenes are kept, and the same command goes on from there") from error
+    except (CommClosedError, OSError, _LostError) as error:
+        raise GtlayoutError(
+            f"lost the Dask scheduler ({error}); finished scenes are kept, and the same command goes on from there"
+        ) from error
+    finally:
+        with suppress(GtlayoutError):  # Whatever went wrong before is what matters.
+            tables.write()
+    return done
+
+
+class _LostError(Exception):
+    """The scheduler no longer knows of a job."""
+
+
+@dataclass
+class _Tables:
+    """run.csv and run.parquet, kept up to date."""
+
+    run: Path
+    records: dict[str, Record]
+    due_s: float = field(default_factory=lambda: time.monotonic() + TABLES_EVERY_S)
+
+    def write_when_due(self) -> None:
+        """Write them, if they have not just been written. Raises GtlayoutError."""
+        if time.monotonic() >= self.due_s:
+            self.write()
+
+    def write(self) -> None:
+        """Write them. Raises GtlayoutError."""
+        start_s = time.monotonic()
+        write_tables(self.run, self.records.values())
+        end_s = time.monotonic()
+        self.due_s = end_s + max(TABLES_EVERY_S, (end_s - start_s) / TABLES_SHARE)
+
+
+@contextmanager
+def _lease(run: Path) -> Iterator[Path]:
+    """A folder for work in progress. What earlier sessions left goes, and with it anybody's leave to finish it."""
+    run = run.resolve()
+    lease = run / f"{LEASE}{uuid.uuid4().hex}"
+    try:
+        for left in run.glob(f"{LEASE}*"):
+            # At once and as a whole, so that nobody still at work in it can put its results into their place.
+            left.rename(run / f"{GONE}{uuid.uuid4().hex}")
+        for gone in run.glob(f"{GONE}*"):
+            shutil.rmtree(gone, ignore_errors=True)
+        lease.mkdir()
+    except OSError as error:
+        raise GtlayoutError(f"cannot write {lease}: {error.strerror or error}") from error
+    try:
+        yield lease
+    finally:
+        shutil.rmtree(lease, ignore_errors=True)
+
+
+def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, bool] | None]:
+    """Record of each scene when it is done, and whether it was so before; None now and then, while nothing arrives.
+
+    Raises CannotWriteError, _LostError, or what the client raises when the scheduler is gone.
+    """
+    waiting = deque(jobs)
+    pending: dict[object, tuple[Future[Outcome | None], Job]] = {}
+    parts: dict[str, list[tuple[Job, Outcome | None]]] = {}
+    arrived: SimpleQueue[Future[Outcome | None]] = SimpleQueue()
+    try:
+        while waiting or pending:
+            threads = _threads(client)
+            while waiting and len(pending) < max(1, AHEAD * threads):
+                job = waiting.popleft()
+                parts[job.scene] = []
+                for part in _split(job, threads // (len(waiting) + len(parts))):
+                    future = client.submit(work_on, part, key=f"solve-{uuid.uuid4().hex}", retries=RETRIES)
+                    pending[future.key] = future, part
+                    future.add_done_callback(arrived.put)
+            try:
+                future, job = pending.pop(arrived.get(timeout=LOOK_EVERY_S).key)
+            except Empty:
+                if client.status != "running":
+                    raise _LostError(f"the connection is {client.status}") from None
+                yield None
+                continue
+            parts[job.scene].append((job, _outcome(future, job)))
+            if sum(part.end_restart - part.first_restart for part, _ in parts[job.scene]) == job.settings.restarts:
+                in_order = sorted(parts.pop(job.scene), key=lambda part: part[0].first_restart)
+                yield _merged(job, [outcome for _, outcome in in_order if outcome is not None])
+    finally:
+        with suppress(Exception):  # There may be no scheduler left to tell.
+            client.cancel([future for future, _ in pending.values()], force=True)
+
+
+def _threads(client: Client) -> int:
+    return sum(client.nthreads().values())
+
+
+def _split(job: Job, pieces: int) -> list[Job]:
+    """The restarts of a scene for as many workers as have nothing else to do. Each part begins with the same tracking,
+    so that with more scenes than workers it is better not to split.
+    """
+    pieces = max(1, min(pieces, job.settings.restarts))
+    bounds = [job.settings.restarts * piece // pieces for piece in range(pieces + 1)]
+    return [replace(job, first_restart=first, end_restart=end) for first, end in pairwise(bounds)]
+
+
+def _outcome(future: Future[Outcome | None], job: Job) -> Outcome | None:
+    if future.status in ("cancelled", "lost"):
+        raise _LostError(f"it no longer knows of {job.scene}")
+    error = future.exception()
+    if error is None:
+        return future.result()
+    if isinstance(error, CannotWriteError):
+        raise error
+    lost = "its worker was lost, again and again" if isinstance(error, KilledWorker) else str(error) or repr(error)
+    record = Record(job.scene, "failed", "worker", lost, source=job.source)
+    return Outcome(record, work=str(new_work_folder(Path(job.lease))))
+
+
+def _merged(job: Job, outcomes: Sequence[Outcome]) -> tuple[Record, bool]:
+    """What came of a scene, in its place: of its restarts the one with the best IoU, the first of equals."""
+    failed = [outcome for outcome in outcomes if outcome.record.status == "failed"]
+    best = failed[0] if failed else max(outcomes, key=lambda outcome: outcome.record.iou or 0.0)
+    if best.work is None:
+        return best.record, best.same
+    records = [outcome.record for outcome in outcomes]
+    stages = dict.fromkeys(stage for record in records for stage in record.stages_s)
+    record = replace(
+        best.record,
+        seconds=sum(record.seconds or 0.0 for record in records) or None,
+        stages_s={stage: sum(record.stages_s.get(stage, 0.0) for record in records) for stage in stages},
+        peak_memory_mib=max(record.peak_memory_mib or 0.0 for record in records) or None,
+        attempts=max(record.attempts for record in records),
+    )
+    return publish(record, Path(best.work), scene_folder(Path(job.run), job.scene)), False

@@ -1,0 +1,60 @@
+"""Finding scenes: every folder below the given ones that holds cameras, annotations or images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io import CAMERA_READERS
+from gtlayout.io.annotation_files import kinds_in
+from gtlayout.results import FOLDER
+
+
+def has_cameras(folder: Path) -> bool:
+    """Whether cameras of a known format are in ``folder`` itself."""
+    return any(reader.detect(folder) for reader in CAMERA_READERS)
+
+
+def find_scenes(roots: Sequence[Path], leave_out: Path) -> dict[str, Path]:
+    """Name → folder of all scenes at and below the ``roots``, sorted by name.
+
+    A folder with cameras of a known format is a scene, whatever lies below it. So is one with annotations or images
+    but without cameras, unless a scene with cameras lies below it: it is said what it lacks when it is to be solved.
+    The name is the path below the root, or the folder's own name where the root itself is the scene. ``leave_out``,
+    where results go, is passed over, and so are results of ``gtlayout solve`` and hidden folders.
+
+    Raises GtlayoutError when a root is absent or holds no scene, or two scenes have one name.
+    """
+    scenes: dict[str, Path] = {}
+    for root in roots:
+        if not root.is_dir():
+            raise GtlayoutError(f"no folder {root}")
+        found, _ = _below(root, {leave_out.resolve()})
+        if not found:
+            looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in CAMERA_READERS)
+            raise GtlayoutError(f"no scene in {root} and its folders; looked for {looked_for}")
+        for path in found:
+            name = root.resolve().name if path == root else path.relative_to(root).as_posix()
+            if scenes.setdefault(name, path).resolve() != path.resolve():
+                raise GtlayoutError(
+                    f"{scenes[name]} and {path}: two scenes called {name!r}; give the folder above both, or rename one"
+                )
+    return dict(sorted(scenes.items()))
+
+
+def _below(folder: Path, seen: set[Path]) -> tuple[list[Path], bool]:
+    """Scenes at and below ``folder``, and whether any has cameras; ``seen`` holds what links must not lead to again."""
+    if (real := folder.resolve()) in seen:
+        return [], False
+    seen.add(real)
+    try:
+        if has_cameras(folder):
+            return [folder], True
+        names = sorted(path.name for path in folder.iterdir() if path.is_dir())
+        below = [_below(folder / name, seen) for name in names if not name.startswith(".") and name != FOLDER]
+        found = [scene for scenes, _ in below for scene in scenes], any(complete for _, complete in below)
+        lacking = not found[1] and ((folder / "images").is_dir() or bool(kinds_in(folder)))
+    except (OSError, GtlayoutError):
+        lacking, found = True, ([], False)  # Whoever is to solve it will say what is wrong.
+    return ([folder], False) if lacking else found

@@ -1,0 +1,187 @@
+"""The process that solves: scene after scene, each asked for by a line of JSON on stdin, answered by one on stdout.
+
+It is a process of its own, because whatever a scene does to it (hang, crash, eat memory) then ends there. What it
+prints, and where it was when it crashed or ran out of time, goes to the log in the scene's work folder. It ends when
+stdin does: nobody is left to answer to.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import json
+import os
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Any, TextIO
+
+import cv2
+
+from gtlayout.api import load, save
+from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
+from gtlayout.batch.job import Answer, Attempt, Job, Settings
+from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Status, scene_folder
+from gtlayout.batch.results import CannotWriteError
+from gtlayout.config import Config
+from gtlayout.errors import GtlayoutError, one_line
+from gtlayout.evaluation import depth_error
+from gtlayout.io.files import write_all_atomic
+from gtlayout.method import Solution, solve
+from gtlayout.report import PLOTLY_FILE, solved_page, thumbnail
+from gtlayout.report.plain import finite
+from gtlayout.report_table import reasons, verdict, worst_drawing
+from gtlayout.results import REPORT_FILE
+
+
+def main() -> None:
+    """Answer attempts until stdin ends."""
+    cv2.setNumThreads(1)
+    # Only answers go to the pipe; what else is printed, by libraries in C, too, goes where errors go.
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    asked: SimpleQueue[str] = SimpleQueue()
+    threading.Thread(target=_listen, args=(asked,), daemon=True).start()
+    print(json.dumps({"program": program()}), file=answers, flush=True)
+    while True:
+        data = json.loads(asked.get())
+        job = Job(**data["job"] | {"settings": Settings(**data["job"]["settings"])})
+        print(json.dumps(asdict(answer(Attempt(**data | {"job": job})))), file=answers, flush=True)
+
+
+def answer(attempt: Attempt) -> Answer:
+    """Solve the scene into the attempt's work folder, unless its finished result is still good."""
+    try:
+        with (
+            (Path(attempt.work) / SOLVE_LOG_FILE).open("a", encoding="utf-8") as log,
+            _logged(log, attempt.job.timeout_s),
+        ):
+            return _answer(attempt)
+    except OSError as error:
+        return Answer(unwritable=f"cannot write {attempt.work}: {error.strerror or error}")
+
+
+def _answer(attempt: Attempt) -> Answer:
+    job = attempt.job
+    figures: dict[str, Any] = {}
+    start = time.perf_counter()
+    try:
+        figures |= _identity(attempt)
+        if figures["fingerprint"] == attempt.fingerprint:
+            return Answer(figures, same=True)
+        restarts = range(job.first_restart, job.end_restart)
+        solution = solve(load(job.source), Config(**asdict(job.settings)), restarts=restarts)
+        solved = _figures(solution)
+        _write(solution, attempt)
+    except CannotWriteError as error:
+        return Answer(unwritable=str(error))
+    except GtlayoutError as error:
+        print(error)
+        return Answer(figures, no_solution=True) if job.first_restart else Answer(figures, "input", str(error))
+    except Exception as error:
+        # A bug must not cost the night's other scenes.
+        traceback.print_exc()
+        return Answer(figures, "memory" if _out_of_memory(error) else "bug", one_line(error))
+    return Answer(figures | solved | {"seconds": time.perf_counter() - start})
+
+
+def _identity(attempt: Attempt) -> dict[str, str]:
+    """Stamp and fingerprint of the scene. Raises GtlayoutError when a file of it cannot be read."""
+    job = attempt.job
+    decides = repr((job.program, asdict(job.settings)))
+    inputs = inputs_of(Path(job.source), decides, [Path(job.run)])
+    unchanged = inputs.stamp and inputs.stamp == attempt.stamp
+    return {"stamp": inputs.stamp, "fingerprint": attempt.fingerprint if unchanged else fingerprint(inputs, decides)}
+
+
+def _figures(solution: Solution) -> dict[str, Any]:
+    """What the record says of a solved scene; also printed, for the log."""
+    scene, layout, quality = solution.scene, solution.layout, solution.quality
+    drawing, worst = worst_drawing(scene, layout, quality), quality.elements[quality.worst_element]
+    said = reasons(layout, quality)
+    if not quality.accepted:
+        said.insert(0, f"IoU {quality.iou:.3f}, redraw {drawing} ({worst.iou:.3f}) first")
+    try:
+        depth = depth_error(scene, layout)
+    except GtlayoutError as error:
+        depth = None
+        said.append(f"not compared with depth: {error}")
+    status: Status = "accepted" if quality.accepted else "not accepted"
+    verdicts = [judged.verdict for judged in quality.instances]
+    print(*(f"warning: {warning}" for warning in scene.warnings), verdict(scene, layout, quality), sep="\n")
+    return {
+        "status": status,
+        "reason": "; ".join(said),
+        "predicted": quality.predicted,
+        "iou": finite(quality.iou),
+        "openings_iou": quality.openings_iou,
+        "sigma_depth_share": quality.sigma_depth_share,
+        "depth_error_mean": None if depth is None else depth.mean,
+        "depth_error_trimmed_mean": None if depth is None else depth.trimmed_mean,
+        "depth_error_median": None if depth is None else depth.median,
+        "metric": layout.metric,
+        "frames": len(scene.frames),
+        "key_frames": len(scene.key_frames),
+        "elements": len(verdicts),
+        "weak": verdicts.count("weak"),
+        "unobservable": verdicts.count("unobservable"),
+        "worst_frame": scene.frame_of(quality.worst_frame).name,
+        "worst_frame_iou": finite(quality.frames[quality.worst_frame]),
+        "worst_element": drawing,
+        "worst_element_iou": worst.iou,
+        "warnings": len(scene.warnings),
+        "stages_s": dict(solution.timings_s),
+    }
+
+
+def _write(solution: Solution, attempt: Attempt) -> None:
+    """Raises CannotWriteError."""
+    work, run = Path(attempt.work), Path(attempt.job.run)
+    plotly = os.path.relpath(run / PLOTLY_FILE, scene_folder(run, attempt.job.scene))
+    page = solved_page(solution, Path(plotly).as_posix())
+    small = thumbnail(solution.scene, solution.layout, solution.quality)
+    try:
+        save(solution, work)
+        write_all_atomic({work / REPORT_FILE: page, work / THUMBNAIL_FILE: small})
+    except GtlayoutError as error:
+        raise CannotWriteError(str(error)) from error
+
+
+def _out_of_memory(error: Exception) -> bool:
+    return isinstance(error, MemoryError) or getattr(error, "code", None) == cv2.Error.StsNoMem
+
+
+def _listen(asked: SimpleQueue[str]) -> None:
+    for line in sys.stdin:
+        asked.put(line)
+    os._exit(0)
+
+
+@contextmanager
+def _logged(log: TextIO, timeout_s: float) -> Iterator[None]:
+    """All output goes to ``log``, and where the process crashes, or is when time is up; then it ends by itself."""
+    before = os.dup(2)
+    try:
+        sys.stdout.flush()
+        os.dup2(log.fileno(), 1)
+        os.dup2(log.fileno(), 2)
+        faulthandler.enable(log)
+        # From a thread in C: it works even when Python hangs in a library.
+        faulthandler.dump_traceback_later(timeout_s, exit=True, file=log)
+        yield
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.dup2(before, 1)
+        os.dup2(before, 2)
+        os.close(before)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""The same work on many things in several processes of one thread each: work that takes whole cores for a while."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from itertools import islice
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import TypeVar
+
+import cv2
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.threads import single_threaded
+
+Item = TypeVar("Item")
+
+
+def cores() -> int:
+    """How many of them this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_processes(
+    work: Callable[[Item], object], items: Sequence[Item], processes: int, progress: Callable[[int, int], None]
+) -> None:
+    """Call ``work`` with each item in one of so many processes; ``progress`` is told (items done, items in all).
+
+    An exception, Ctrl-C too, stops all processes: in each ``work`` ends with SystemExit.
+
+    Args:
+        work: a function that can be pickled, as can the items.
+        items: worked on in this order, though not one after another.
+        processes: at least 1.
+        progress: called in this process.
+
+    Raises:
+        GtlayoutError: ``work`` raised it, or a process was killed.
+        RuntimeError: ``work`` raised something else; its traceback is on stderr.
+    """
+    # Spawned, because OpenCV's threads do not survive a fork.
+    context = multiprocessing.get_context("spawn")
+    waiting, done = iter(items), 0
+    running: dict[Connection, BaseProcess] = {}
+    at_work: set[Connection] = set()
+    progress(0, len(items))
+    try:
+        with single_threaded():
+            for item in islice(waiting, processes):
+                here, there = context.Pipe()
+                running[here] = context.Process(target=_serve, args=(there, work), daemon=True)
+                running[here].start()
+                there.close()
+                at_work.add(_sent(item, here))
+        while at_work:
+            for here in at_work.intersection(wait(at_work)):
+                at_work.remove(here)
+                try:
+                    problem = here.recv()
+                except (EOFError, OSError):
+                    running[here].join()
+                    raise _ended(running[here].exitcode) from None
+                if problem is not None:
+                    raise GtlayoutError(problem)
+                done += 1
+                progress(done, len(items))
+                for item in islice(waiting, 1):
+                    at_work.add(_sent(item, here))
+    finally:
+        for process in running.values():
+            process.terminate()
+        for process in running.values():
+            process.join()
+
+
+def _sent(item: object, here: Connection) -> Connection:
+    # A process that is gone is noticed when its answer is waited for.
+    with suppress(OSError):
+        here.send(item)
+    return here
+
+
+def _serve(there: Connection, work: Callable[[Item], object]) -> None:
+    """Work on one item after another until nobody sends any."""
+    # Ctrl-C in a terminal reaches all processes: the one that was started by the user decides what comes of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    cv2.setNumThreads(1)
+    while True:
+        try:
+            item = there.recv()
+        except (EOFError, OSError):
+            return
+        problem = None
+        try:
+            work(item)
+        except GtlayoutError as error:
+            problem = str(error)
+        with suppress(OSError):
+            there.send(problem)
+
+
+def _ended(exit_status: int | None) -> Exception:
+    if exit_status is not None and exit_status < 0:
+        name = signal.Signals(-exit_status).name
+        return GtlayoutError(f"a process was killed ({name}; out of memory?): run the same command again to go on")
+    return RuntimeError("a process ended: see what it wrote above")
