@@ -26,7 +26,7 @@ def page(data: dict[str, Any], plotly_src: str | None = None) -> str:
 
 
 def plotly_file(folder: Path) -> None:
-    """Write plotly.js into a folder, unless it is there already. Raises GtlayoutError when the disk does not take it."""
+    """Write plotly.js into a folder unless it is there already. Raises GtlayoutError when the disk does not take it."""
     path, content = folder / PLOTLY_FILE, get_plotlyjs().encode()
     if not path.is_file() or path.read_bytes() != content:
         write_atomic(path, content)
