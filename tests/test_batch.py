@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import csv
 import os
+import subprocess
+import sys
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet
 import pytest
 
-from gtlayout.batch import cluster, solver
+from gtlayout.batch import cluster, solver, solver_process
 from gtlayout.batch import fingerprint as fingerprints
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.job import Attempt, Job, Settings
 from gtlayout.batch.record import RECORD_FILE, Failure, Record, read_record, scene_folder, write_record
 from gtlayout.batch.results import CannotWriteError, LeaseLostError, finished, new_work_folder, publish
-from gtlayout.batch.run import _lease, _merged, _split
+from gtlayout.batch.run import _lease, _merged, _outcome, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
@@ -186,7 +189,7 @@ class TestResults:
         monkeypatch.setattr(solver, "thumbnail", stopped)
         monkeypatch.setattr(solver, "_logged", lambda *_: nullcontext())
         job = Job("a", str(tmp_path / "a"), str(tmp_path), str(lease), Settings(), "", 60.0, 0, 1)
-        solver.answer(Attempt(job, str(work), "", ""))
+        solver.answer(Attempt(job, str(work), "", ""), lambda: None)
         assert not lease.exists()
         with pytest.raises(LeaseLostError):
             publish(SOLVED, work, scene_folder(tmp_path, "a"))
@@ -210,6 +213,47 @@ class TestResults:
         with pytest.raises(CannotWriteError, match="no result of a scene"):
             publish(SOLVED, self._work(lease, "{}"), tmp_path / "a")
         assert (tmp_path / "a" / "thesis.txt").read_text() == "ten years"
+
+
+class TestLostWork:
+    """What is there is only replaced when it is known to be out of date."""
+
+    @pytest.mark.parametrize(("said", "begun"), [("", False), (solver_process.BEGUN_LINE, True)])
+    def test_a_process_that_dies_says_whether_it_had_begun(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, begun: bool
+    ) -> None:
+        program = f'import os, sys; print(\'{{"program": "p"}}\', flush=True); input(); sys.stdout.write({said!r}); '
+        program += "sys.stdout.flush(); os._exit(7)"
+        start = subprocess.Popen
+
+        def stand_in(_command: object, **options: Any) -> subprocess.Popen[str]:
+            return start([sys.executable, "-c", program], **options)
+
+        monkeypatch.setattr(subprocess, "Popen", stand_in)
+        job = Job("a", "src", "run", str(tmp_path), Settings(), "p", 60.0, 0, 1)
+        came, _ = solver_process.SolverProcess().solve(Attempt(job, str(tmp_path), "", ""), lambda: np.inf)
+        assert (came.failure, came.begun) == ("died", begun)
+        assert came.reason.startswith("its process ended with status 7")
+
+    @pytest.mark.parametrize("there", [True, False])
+    def test_a_lost_worker_costs_no_finished_scene(self, tmp_path: Path, there: bool) -> None:
+        lease, place = tmp_path / "lease", scene_folder(tmp_path, "a")
+        lease.mkdir()
+        if there:
+            publish(SOLVED, new_work_folder(lease), place)
+        job = Job("a", "src", str(tmp_path), str(lease), Settings(), "p", 60.0, 0, 1)
+
+        class Lost:
+            status = "error"
+
+            def exception(self) -> Exception:
+                return ImportError("no gtlayout here")
+
+        came = _outcome(Lost(), job)  # type: ignore[arg-type]
+        assert came is not None
+        record, _ = _merged(job, [came])
+        assert (record.failure, record.reason) == ("worker", "no gtlayout here")
+        assert read_record(place / RECORD_FILE).status == ("accepted" if there else "failed")
 
 
 class TestRunFolder:

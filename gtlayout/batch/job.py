@@ -7,6 +7,9 @@ from typing import Any
 
 from gtlayout.batch.record import Failure
 
+BEGUN = {"begun": True}
+"""Said by a solver process before its answer, when the scene must be solved."""
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -65,6 +68,8 @@ class Answer:
     reason: str = ""
     same: bool = False
     """The finished result is still good: nothing was solved."""
+    begun: bool = True
+    """It was found out that the scene must be solved; false only for a process that died or hung before."""
     unwritable: str = ""
     """Why results cannot be written: the run must stop."""
     no_solution: bool = False

@@ -21,7 +21,7 @@ from gtlayout.batch.fingerprint import program
 from gtlayout.batch.job import Job, Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import Record, scene_folder
-from gtlayout.batch.results import CannotWriteError, new_work_folder, publish
+from gtlayout.batch.results import CannotWriteError, finished, new_work_folder, publish
 from gtlayout.batch.run_folder import recorded, write_run, write_tables
 from gtlayout.batch.worker import Outcome, Solvers, work_on
 from gtlayout.config import Config
@@ -189,6 +189,8 @@ def _outcome(future: Future[Outcome | None], job: Job) -> Outcome | None:
         raise error
     lost = "its worker was lost, again and again" if isinstance(error, KilledWorker) else str(error) or repr(error)
     record = Record(job.scene, "failed", "worker", lost, source=job.source)
+    if finished(scene_folder(Path(job.run), job.scene)):
+        return Outcome(record)  # What is there may still be good, and stays.
     return Outcome(record, work=str(new_work_folder(Path(job.lease))))
 
 

@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
 from dataclasses import asdict
 from pathlib import Path
@@ -25,7 +25,7 @@ import cv2
 
 from gtlayout.api import load, save
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
-from gtlayout.batch.job import Answer, Attempt, Job, Settings
+from gtlayout.batch.job import BEGUN, Answer, Attempt, Job, Settings
 from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Status, scene_folder
 from gtlayout.batch.results import CannotWriteError
 from gtlayout.config import Config
@@ -51,11 +51,15 @@ def main() -> None:
     while True:
         data = json.loads(asked.get())
         job = Job(**data["job"] | {"settings": Settings(**data["job"]["settings"])})
-        print(json.dumps(asdict(answer(Attempt(**data | {"job": job})))), file=answers, flush=True)
+        came = answer(Attempt(**data | {"job": job}), lambda: print(json.dumps(BEGUN), file=answers, flush=True))
+        print(json.dumps(asdict(came)), file=answers, flush=True)
 
 
-def answer(attempt: Attempt) -> Answer:
-    """Solve the scene into the attempt's work folder, unless its finished result is still good."""
+def answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
+    """Solve the scene into the attempt's work folder, unless its finished result is still good.
+
+    ``begin`` is called when it is not.
+    """
     try:
         with (
             # Not by its path: when the run is stopped the folder goes, and writing to the path would make it anew.
@@ -63,12 +67,12 @@ def answer(attempt: Attempt) -> Answer:
             Path(SOLVE_LOG_FILE).open("a", encoding="utf-8") as log,
             _logged(log, attempt.job.timeout_s),
         ):
-            return _answer(attempt)
+            return _answer(attempt, begin)
     except OSError as error:
         return Answer(unwritable=f"cannot write {attempt.work}: {error.strerror or error}")
 
 
-def _answer(attempt: Attempt) -> Answer:
+def _answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
     job = attempt.job
     figures: dict[str, Any] = {}
     start = time.perf_counter()
@@ -76,6 +80,7 @@ def _answer(attempt: Attempt) -> Answer:
         figures |= _identity(attempt)
         if figures["fingerprint"] == attempt.fingerprint:
             return Answer(figures, same=True)
+        begin()
         restarts = range(job.first_restart, job.end_restart)
         solution = solve(load(job.source), Config(**asdict(job.settings)), restarts=restarts)
         solved = _figures(solution)
@@ -151,7 +156,7 @@ def _write(solution: Solution, job: Job) -> None:
         save(solution, work)
         write_all_atomic({work / REPORT_FILE: page, work / THUMBNAIL_FILE: small})
     except GtlayoutError as error:
-        raise CannotWriteError(str(error)) from error
+        raise CannotWriteError(f"{job.run}: {error}") from error
 
 
 def _out_of_memory(error: Exception) -> bool:

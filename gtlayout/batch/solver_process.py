@@ -19,7 +19,7 @@ from typing import IO
 
 import psutil
 
-from gtlayout.batch.job import Answer, Attempt, Job
+from gtlayout.batch.job import BEGUN, Answer, Attempt, Job
 from gtlayout.batch.record import SOLVE_LOG_FILE
 from gtlayout.batch.results import LeaseLostError
 from gtlayout.errors import GtlayoutError
@@ -34,6 +34,7 @@ START_S = 600.0
 GRACE_S = 5.0
 """When its time is up a process says where it is and ends by itself."""
 LOG_SAYS = f"where it was stands in {SOLVE_LOG_FILE}"
+BEGUN_LINE = json.dumps(BEGUN) + "\n"
 ENDED = ""
 """In the place of a line."""
 
@@ -62,13 +63,15 @@ class SolverProcess:
         resident = psutil.Process(process.pid)
         start_s = lease_seen_s = time.monotonic()
         peak_bytes = 0
-        while (line := self._line(LOOK_EVERY_S)) is None:
+        begun = False
+        while (line := self._line(LOOK_EVERY_S)) is None or line == BEGUN_LINE:
+            begun = begun or line is not None
             now_s = time.monotonic()
             peak_bytes = max(peak_bytes, taken := _resident_bytes(resident))
             if taken > (allowed := memory_bytes()):
                 self.close()
                 reason = f"took {taken / 2**30:.2f} GiB of memory and may take {allowed / 2**30:.2f}"
-                return Answer(failure="memory", reason=reason), peak_bytes
+                return Answer(failure="memory", reason=reason, begun=begun), peak_bytes
             if now_s - start_s > job.timeout_s + GRACE_S:
                 self.close()  # ENDED comes next
             if now_s - lease_seen_s > LEASE_EVERY_S:
@@ -80,8 +83,9 @@ class SolverProcess:
         status = process.wait()
         self.close()
         if late:
-            return Answer(failure="timeout", reason=f"not done in {job.timeout_s:g} s; {LOG_SAYS}"), peak_bytes
-        return Answer(failure="died", reason=f"its process {_ended(status)}; {LOG_SAYS}"), peak_bytes
+            reason = f"not done in {job.timeout_s:g} s; {LOG_SAYS}"
+            return Answer(failure="timeout", reason=reason, begun=begun), peak_bytes
+        return Answer(failure="died", reason=f"its process {_ended(status)}; {LOG_SAYS}", begun=begun), peak_bytes
 
     def close(self) -> None:
         """Stop the process, whatever it does."""

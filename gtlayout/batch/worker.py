@@ -7,7 +7,7 @@ import platform
 import shutil
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,6 +20,7 @@ from gtlayout.batch.job import Answer, Attempt, Job
 from gtlayout.batch.record import PASSING, RECORD_FILE, Record, scene_folder, write_record
 from gtlayout.batch.results import CannotWriteError, finished, new_work_folder, publish
 from gtlayout.batch.solver_process import SolverProcess
+from gtlayout.errors import GtlayoutError
 
 PLUGIN = "gtlayout-solvers"
 
@@ -32,7 +33,7 @@ class Outcome:
     same: bool = False
     """Nothing was solved: the finished results are still good."""
     work: str | None = None
-    """Where results are that are not in their place yet: of some of the restarts, when these are not all."""
+    """Where results are that are still to be put into their place: of some of the restarts, when these are not all."""
 
 
 class Solvers(WorkerPlugin):
@@ -100,6 +101,8 @@ def work_on(job: Job) -> Outcome | None:
         shutil.rmtree(work, ignore_errors=True)
         return Outcome(_stamped(known, answer.figures["stamp"], place), same=True) if answer.same and known else None
     record = _record(job, answer, attempts=2 if again else 1, peak_memory_mib=peak_bytes / 2**20)
+    if known and not answer.begun:
+        return Outcome(record)  # What is there may still be good, and stays.
     return Outcome(publish(record, work, place)) if job.whole else Outcome(record, work=str(work))
 
 
@@ -118,5 +121,6 @@ def _stamped(record: Record, stamp: str, place: Path) -> Record:
     """The record with the inputs' present stamp, so that they need not be read the next time."""
     if record.stamp != stamp:
         record = replace(record, stamp=stamp)
-        write_record(place / RECORD_FILE, record)
+        with suppress(GtlayoutError):
+            write_record(place / RECORD_FILE, record)
     return record
