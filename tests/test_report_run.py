@@ -97,7 +97,7 @@ def test_data_says_what_came_of_the_run(run: Path) -> None:
     assert data["peak_memory_mib"] == 300
     assert [(one["kind"], one["count"]) for one in data["failures"]] == [("input", 2), ("timeout", 1)]
     assert data["crossed"]["accepted"] == {"trustworthy": 1, "doubtful": 1}
-    drawn = {one["title"].split(",")[0]: one["histogram"] for one in data["distributions"]}
+    drawn = {one["title"].split(" (")[0]: one["histogram"] for one in data["distributions"]}
     assert drawn["reprojection IoU"]["count"] == 5
     assert drawn["depth error ε"]["count"] == 2, "scenes without a unit are left out"
 

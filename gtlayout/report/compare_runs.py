@@ -20,7 +20,7 @@ _RANK = {"failed": 0, "not accepted": 1, "accepted": 2}
 _MEASURES = (
     ("reprojection IoU", "iou", 1.0, 4, "", +1),
     ("predicted σ of depth", "sigma_depth_share", 100.0, 2, " %", -1),
-    ("depth error ε, median of a scene (metric scenes)", "depth_error_median", 100.0, 2, " cm", -1),
+    ("depth error ε (of the median pixel; metric scenes)", "depth_error_median", 100.0, 2, " cm", -1),
     ("time to solve", "seconds", 1.0, 2, " s", -1),
     ("peak memory", "peak_memory_mib", 1.0, 0, " MiB", -1),
 )

@@ -182,7 +182,7 @@ def _distributions(records: Sequence[Record], accepted_from: float) -> list[dict
     drawn = [
         ("reprojection IoU", "", 3, histogram(iou, min(iou, default=0.0), 1.0, accepted_from)),
         ("predicted σ of depth", " %", 1, histogram(known("sigma_depth_share", 100))),
-        ("depth error ε, median of a scene (metric scenes)", " cm", 1, histogram(depth)),
+        ("depth error ε (median; metric scenes)", " cm", 1, histogram(depth)),
         ("time to solve", " s", 1, histogram(known("seconds"))),
         ("peak memory", " MiB", 0, histogram(known("peak_memory_mib"))),
     ]
