@@ -187,27 +187,42 @@ def view(
 
 
 @app.command
-def report(scene_dir: SceneDir, /, *, layout: Path | None = None, out: Path | None = None) -> None:
+def report(
+    scene_dir: SceneDir, /, *, layout: Path | None = None, against: Path | None = None, out: Path | None = None
+) -> None:
     """Write a page about a solved layout: verdict, elements, 3D view, annotated frames, timings, configuration.
 
-    It is one HTML file that needs no network and reads well on a phone.
+    It is one HTML file that needs no network and reads well on a phone. Of a run of `batch`, it is a page about all
+    scenes, the worst first, with links to theirs.
 
     Parameters
     ----------
     scene_dir
-        The scene folder.
+        The scene folder, or the folder of a run.
     layout
         Folder that holds layout.json; DIR/gtlayout when not given.
+    against
+        Of a run: the folder of another one, to say what got better and what got worse.
     out
-        The file to write; report.html beside layout.json when not given.
+        The file to write; report.html beside layout.json, or in the folder of the run, when not given.
     """
-    from gtlayout.report import write_report
+    from gtlayout.batch.run_folder import is_run
+    from gtlayout.report.files import write_report
+    from gtlayout.report.run_page import write_run_report
 
-    folder = layout or scene_dir / FOLDER
+    of_run = is_run(scene_dir)
+    if of_run and layout is not None:
+        raise GtlayoutError(f"--layout is for one scene, and {scene_dir} is a run")
+    if against is not None and not of_run:
+        raise GtlayoutError(f"--against compares two runs, and {scene_dir} is none")
+    folder = scene_dir if of_run else layout or scene_dir / FOLDER
     page = out or folder / REPORT_FILE
     with progress_bars() as progress:
         progress.stage("report")
-        write_report(scene_dir, folder, page, progress.progress)
+        if of_run:
+            write_run_report(scene_dir, page, against)
+        else:
+            write_report(scene_dir, folder, page, progress.progress)
     stdout().print(f"Report: {page}")
 
 

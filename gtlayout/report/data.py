@@ -75,7 +75,7 @@ def report_data(
         "room": room_view(scene, layout, full) if len(layout.triangles.faces) else None,
         "floor_plan": _floor_plan(scene, layout),
         "timings": _timings(timings_s),
-        "config": _flat(config),
+        "config": flat(config),
         "versions": dict(versions),
     }
 
@@ -134,12 +134,12 @@ def _timings(timings_s: Mapping[str, float]) -> list[dict[str, Any]]:
     ]
 
 
-def _flat(config: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flat(config: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """A nested configuration as (dotted name, value as JSON)."""
     rows: list[tuple[str, str]] = []
     for name, value in config.items():
         if isinstance(value, Mapping):
-            rows += _flat(value, f"{prefix}{name}.")
+            rows += flat(value, f"{prefix}{name}.")
         else:
             rows.append((f"{prefix}{name}", json.dumps(value, ensure_ascii=False)))
     return rows

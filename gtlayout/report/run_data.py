@@ -1,0 +1,193 @@
+"""What the page of a run says: plain data out of its records. Names and reasons come from files and are only text."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Failure, Record, scene_folder
+from gtlayout.batch.run_folder import Run
+from gtlayout.config import QualityConfig
+from gtlayout.io.files import printable
+from gtlayout.report.histogram import histogram
+from gtlayout.results import REPORT_FILE
+
+FAILURES: dict[Failure, str] = {
+    "input": "cannot be solved as they are: send back, or repair the files",
+    "bug": "an exception nobody expected: report it with the log",
+    "timeout": "not done in time; the next run tries again",
+    "died": "the process died of a signal; the next run tries again",
+    "memory": "took more memory than there was; the next run tries again",
+    "worker": "the worker was lost again and again; the next run tries again",
+}
+"""In the order in which somebody should look at them."""
+FAILED, NOT_ACCEPTED, DOUBTFUL, FINE = "failed", "not-accepted", "doubtful", "fine"
+"""Groups of scenes, worst first."""
+
+
+def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
+    """Everything the template needs of one run; links are relative to ``page_dir``, where the page will lie."""
+    records = sorted(run.records.values(), key=_worst_first)
+    groups = Counter(group(record) for record in records)
+    status = Counter(record.status for record in records)
+    rows = [row(record, run.folder, page_dir) for record in records]
+    seconds = [value for record in records if (value := number(record.seconds)) is not None]
+    memory = [value for record in records if (value := number(record.peak_memory_mib)) is not None]
+    return {
+        "title": printable(run.folder.resolve().name),
+        "version": printable(run.version),
+        "scenes": len(run.scenes),
+        "finished": len(records),
+        "not_yet": [printable(name) for name in run.scenes if name not in run.records],
+        "status": {name: status[name] for name in ("accepted", "not accepted", "failed")},
+        "groups": {name: groups[name] for name in (FAILED, NOT_ACCEPTED, DOUBTFUL, FINE)},
+        "accept_share": status["accepted"] / len(records) if records else None,
+        "accept_iou": accept_iou(run),
+        "seconds": sum(seconds),
+        "scenes_per_hour": 3600 * len(seconds) / sum(seconds) if sum(seconds) > 0 else None,
+        "peak_memory_mib": max(memory, default=None),
+        "last": max((str(record.finished) for record in records), default=""),
+        "failures": _failures(records),
+        "crossed": {
+            said: {
+                word: sum(record.status == said and record.predicted == word for record in records)
+                for word in ("trustworthy", "doubtful")
+            }
+            for said in ("accepted", "not accepted")
+        },
+        "distributions": _distributions(records, accept_iou(run)),
+        "files": {"page": REPORT_FILE, "log": SOLVE_LOG_FILE, "thumbnail": THUMBNAIL_FILE},
+        "table": {
+            "keys": list(rows[0]) if rows else [],
+            "rows": [list(one.values()) for one in rows],
+        },
+        "send_back": [
+            f"{printable(record.scene)}\t{_why_back(record)}"
+            for record in records
+            if record.failure == "input" or record.status == "not accepted"
+        ],
+    }
+
+
+def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
+    """A scene as the tables have it: plain values, numbers with six digits, None where nothing is known."""
+    weak, unobservable = number(record.weak), number(record.unobservable)
+    return {
+        "name": printable(record.scene),
+        "folder": link(scene_folder(run, record.scene), page_dir),
+        "group": group(record),
+        "status": record.status + (f": {record.failure}" if record.failure else ""),
+        "iou": _short(record.iou),
+        "sigma": _short(record.sigma_depth_share),
+        "depth_error": _short(record.depth_error_median),
+        "unit": "m" if record.metric else "u",
+        "weak": None if weak is None else weak + (unobservable or 0),
+        "elements": number(record.elements),
+        "redraw": printable(str(record.worst_element or "")),
+        "redraw_iou": _short(record.worst_element_iou),
+        "reason": reason(record),
+        "seconds": _short(record.seconds),
+        "memory": _short(record.peak_memory_mib),
+    }
+
+
+def group(record: Record) -> str:
+    """Which pile a scene belongs to."""
+    if record.status == "failed":
+        return FAILED
+    if record.status == "not accepted":
+        return NOT_ACCEPTED
+    return DOUBTFUL if record.predicted == "doubtful" else FINE
+
+
+def reason(record: Record) -> str:
+    """Why, without the scene's own folder in front of its files."""
+    said = str(record.reason)
+    if record.source:
+        said = said.replace(f"{record.source}{os.sep}", "").replace(str(record.source), "the scene's folder")
+    return printable(said)
+
+
+def number(value: object) -> float | None:
+    """A number of a record; None for whatever is none."""
+    fine = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return value if fine else None  # type: ignore[return-value]
+
+
+def link(path: Path, page_dir: Path) -> str:
+    """Relative address of a file, percent-encoded: a name with : ? # or % in it stays a name."""
+    relative = Path(os.path.relpath(path.resolve(), page_dir.resolve())).as_posix()
+    return quote(relative.encode("utf-8", "surrogateescape"), safe="/")
+
+
+def accept_iou(run: Run) -> float:
+    """From which IoU on this run accepted a scene."""
+    quality = run.config.get("quality")
+    found = number(quality.get("accept_iou")) if isinstance(quality, dict) else None
+    return QualityConfig().accept_iou if found is None else found
+
+
+def median(values: Sequence[float]) -> float | None:
+    """None of nothing."""
+    return float(np.median(values)) if values else None
+
+
+def _worst_first(record: Record) -> tuple[int, int, float, str]:
+    kinds = list(FAILURES)
+    kind = kinds.index(record.failure) if record.failure in kinds else len(kinds)
+    iou = number(record.iou)
+    rank = (FAILED, NOT_ACCEPTED, DOUBTFUL, FINE).index(group(record))
+    return rank, kind, 0.0 if iou is None else iou, record.scene
+
+
+def _failures(records: Sequence[Record]) -> list[dict[str, Any]]:
+    counts = Counter(record.failure for record in records if record.status == "failed")
+    return [{"kind": kind, "count": counts[kind], "means": FAILURES[kind]} for kind in FAILURES if counts[kind]]
+
+
+def _why_back(record: Record) -> str:
+    if record.status == "failed":
+        return reason(record)
+    iou, worst = number(record.iou), number(record.worst_element_iou)
+    first = f"; redraw first {printable(str(record.worst_element))}" if record.worst_element else ""
+    return f"IoU {_said(iou)}{first}" + (f" ({_said(worst)})" if first and worst is not None else "")
+
+
+def _short(value: object) -> float | None:
+    known = number(value)
+    return None if known is None else float(f"{known:.6g}")
+
+
+def _said(iou: float | None) -> str:
+    return "unknown" if iou is None else f"{iou:.3f}"
+
+
+def _distributions(records: Sequence[Record], accepted_from: float) -> list[dict[str, Any]]:
+    """One histogram a measure that is known of any scene."""
+
+    def known(name: str, factor: float = 1.0) -> list[float]:
+        found = (number(getattr(record, name)) for record in records)
+        return [factor * value for value in found if value is not None]
+
+    metric = [record for record in records if record.metric is True]
+    depth = [100 * value for record in metric if (value := number(record.depth_error_median)) is not None]
+    iou = known("iou")
+    drawn = [
+        ("reprojection IoU", "", 3, histogram(iou, min(iou, default=0.0), 1.0, accepted_from)),
+        ("predicted σ of depth", " %", 1, histogram(known("sigma_depth_share", 100))),
+        ("depth error ε (median; metric scenes)", " cm", 1, histogram(depth)),
+        ("time to solve", " s", 1, histogram(known("seconds"))),
+        ("peak memory", " MiB", 0, histogram(known("peak_memory_mib"))),
+    ]
+    return [
+        {"title": title, "unit": unit, "digits": digits, "histogram": bars}
+        for title, unit, digits, bars in drawn
+        if bars is not None
+    ]
