@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Annotated
 
 from cyclopts import App, Parameter
@@ -9,6 +10,8 @@ from cyclopts.validators import Number
 
 import gtlayout.cli
 
+GTLAYOUT = (sys.executable, "-c", "import sys; from gtlayout.cli import main; sys.exit(main())")
+"""What the command ``gtlayout`` is."""
 Jobs = Annotated[int, Parameter(validator=Number(gte=1))]
 """Scenes at a time."""
 

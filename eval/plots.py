@@ -1,4 +1,4 @@
-"""A plot for each table: values per scene, ours against others, and predicted σ against true error.
+"""A plot for each table: values per scene, ours against others, predicted σ against true error, courses of a run.
 
 Figures are made without pyplot and without a display; the same data gives the same bytes.
 """
@@ -162,6 +162,31 @@ def reliability(path: Path, squared: Mapping[str, FloatArray], dof: int) -> None
         panel.set_ylabel("lie in it, %")
         panel.set_box_aspect(1)
         _scale(panel, "xy", (0.0, 100.0), log=False)
+        _legend(figure, panel, columns=2)
+        _save(figure, path)
+
+
+def courses(path: Path, x: FloatArray, series: Mapping[str, FloatArray], xlabel: str, ylabel: str) -> None:
+    """Several quantities over one: a line each, from 0 up.
+
+    Args:
+        path: where the picture goes, .png or .svg.
+        x: (N,) ascending.
+        series: name → (N,) values in one unit.
+        xlabel: what ``x`` is, with its unit.
+        ylabel: what the values are, with their unit.
+
+    Raises:
+        GtlayoutError: another suffix, or the folder or disk does not take the file.
+    """
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(WIDTH_IN, 4.4), layout="constrained")
+        panel = figure.subplots()
+        for k, (name, values) in enumerate(series.items()):
+            panel.plot(x, values, label=name, color=COLORS[k % len(COLORS)], linestyle=DASHES[k % len(DASHES)])
+        panel.set_xlabel(xlabel)
+        panel.set_ylabel(ylabel)
+        panel.set_ylim(bottom=0)
         _legend(figure, panel, columns=2)
         _save(figure, path)
 

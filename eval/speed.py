@@ -20,7 +20,7 @@ from cyclopts.validators import Number
 import adam
 import simulation
 from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_series
-from command_line import exit_status, new_app
+from command_line import GTLAYOUT, exit_status, new_app
 from gtlayout.config import Config, TriangulationConfig
 from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.errors import GtlayoutError
@@ -34,8 +34,6 @@ from runner import scenes_by_folder
 from simulated_edges import true_edges
 from simulated_room import make_room, prism_faces, ring
 
-COMMAND = (sys.executable, "-c", "import sys; from gtlayout.cli import main; sys.exit(main())")
-"""What the command ``gtlayout`` is."""
 CHILD_USAGE = Path(__file__).with_name("child_usage.py")
 MIB = 1 << 20
 
@@ -123,7 +121,7 @@ def time_command(folder: Path, repeats: int) -> list[Metric]:
 def run_solve(folder: Path) -> tuple[float, int]:
     """Seconds and peak memory, in bytes, of one ``gtlayout solve``. Raises GtlayoutError when it fails."""
     with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, str(CHILD_USAGE), *COMMAND, "solve", str(folder), "--out", out]
+        command = [sys.executable, str(CHILD_USAGE), *GTLAYOUT, "solve", str(folder), "--out", out]
         ran = subprocess.run(command, capture_output=True, text=True, check=True)
     usage = json.loads(ran.stdout.splitlines()[-1])
     if usage["status"] != 0:

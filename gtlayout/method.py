@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trimesh
+from threadpoolctl import threadpool_limits
 
 from gtlayout.camera_refinement import CameraReport, refine_cameras
 from gtlayout.config import Config
@@ -106,7 +107,13 @@ def solve(
     Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
     """
     config = config or Config()
-    observer = observer or Observer()
+    restarts = range(config.restarts) if restarts is None else restarts
+    # OpenBLAS adds up in another order with each number of threads: the same bytes on every machine need just one.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _solve(scene, config, observer or Observer(), restarts)
+
+
+def _solve(scene: Scene, config: Config, observer: Observer, restarts: range) -> Solution:
     stage = _Stages(observer)
     observer.scene(scene)
 
@@ -160,7 +167,7 @@ def solve(
         layout = Layout(instances, planes, extents, mesh, scene.metric, dimensions)
         return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
 
-    best = _best(run, range(config.restarts) if restarts is None else restarts)
+    best = _best(run, restarts)
     _show(best, observer)
     return best
 

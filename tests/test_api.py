@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 from jsonschema import validate
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import gtlayout
 from gtlayout.cli import main
 from gtlayout.io.layout_format import layout_schema
 from gtlayout.method import with_sigma_depth
+from gtlayout.visualize import Observer
 
 ROOT = Path(__file__).parents[1]
 USER_SCRIPT = '''
@@ -157,3 +159,23 @@ def test_a_user_s_mypy_sees_the_types(tmp_path: Path) -> None:
     (error,) = [said for said in ran.stdout.splitlines() if "error:" in said]
     assert f"user.py:{line}: error:" in error
     assert (ROOT / "gtlayout/py.typed").exists()
+
+
+class _BlasThreads(Observer):
+    """Notes how many threads BLAS has in each stage."""
+
+    def __init__(self) -> None:
+        self.seen: set[int] = set()
+
+    def stage(self, name: str) -> None:
+        self.seen |= {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+def test_a_solve_takes_one_thread_of_blas_for_the_same_bytes_on_every_machine(room: Path) -> None:
+    observer = _BlasThreads()
+    with threadpool_limits(limits=2, user_api="blas"):
+        gtlayout.solve(gtlayout.load(room), observer=observer)
+        after = _BlasThreads()
+        after.stage("after")
+    assert observer.seen == {1}
+    assert after.seen == {2}

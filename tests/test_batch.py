@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,13 +12,13 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from gtlayout.batch import cluster
+from gtlayout.batch import cluster, solver
 from gtlayout.batch import fingerprint as fingerprints
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
-from gtlayout.batch.job import Job, Settings
+from gtlayout.batch.job import Attempt, Job, Settings
 from gtlayout.batch.record import RECORD_FILE, Failure, Record, read_record, scene_folder, write_record
 from gtlayout.batch.results import CannotWriteError, LeaseLostError, finished, new_work_folder, publish
-from gtlayout.batch.run import _merged, _split
+from gtlayout.batch.run import _lease, _merged, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
@@ -26,6 +27,7 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.method import solve
+from gtlayout.synth import SynthConfig, synthesize
 
 SOLVED = Record(
     "a", "accepted", iou=0.9, seconds=2.0, stages_s={"tracking": 1.0, "mesh": 0.5}, fingerprint="f", stamp="s"
@@ -167,6 +169,40 @@ class TestResults:
         with pytest.raises(LeaseLostError):
             new_work_folder(lease)
         assert (tmp_path / "a" / "layout.json").read_text() == "of the session that goes on"
+
+    def test_a_stopped_run_leaves_nothing_to_solvers_that_are_still_writing(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Its folder goes while results are being written: none may make it anew, with some of them missing."""
+        synthesize(tmp_path / "a", SynthConfig(frames=12, width=160, height=120, oversample=1))
+        lease = tmp_path / "lease"
+        lease.mkdir()
+        work = new_work_folder(lease)
+
+        def stopped(*_: object) -> bytes:
+            lease.rename(tmp_path / "gone")
+            return b""
+
+        monkeypatch.setattr(solver, "thumbnail", stopped)
+        monkeypatch.setattr(solver, "_logged", lambda *_: nullcontext())
+        job = Job("a", str(tmp_path / "a"), str(tmp_path), str(lease), Settings(), "", 60.0, 0, 1)
+        solver.answer(Attempt(job, str(work), "", ""))
+        assert not lease.exists()
+        with pytest.raises(LeaseLostError):
+            publish(SOLVED, work, scene_folder(tmp_path, "a"))
+        assert not lease.exists()
+        assert not scene_folder(tmp_path, "a").exists()
+
+    def test_a_session_takes_over_from_another_which_then_leaves_it_alone(self, tmp_path: Path) -> None:
+        both = ExitStack()
+        with _lease(tmp_path) as first:
+            work = self._work(first, "{}")
+            second = both.enter_context(_lease(tmp_path))
+            with pytest.raises(LeaseLostError):
+                publish(SOLVED, work, tmp_path / "a")
+        assert second.is_dir()
+        both.close()
+        assert not [*tmp_path.iterdir()]
 
     def test_what_is_no_result_is_never_replaced(self, tmp_path: Path, lease: Path) -> None:
         (tmp_path / "a").mkdir()

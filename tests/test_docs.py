@@ -24,6 +24,7 @@ from gtlayout.cli import app
 from gtlayout.config import Config, QualityConfig
 from gtlayout.io import ANNOTATION_READERS, CAMERA_READERS
 from gtlayout.layout import HeldBy, Instance, Plane, Support
+from gtlayout.threads import ONE_THREAD
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "pages"
@@ -169,6 +170,28 @@ def test_python_example_runs(room: Path, tmp_path: Path) -> None:
     assert run != code
     subprocess.run([sys.executable, "-c", run], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
     assert (tmp_path / "out" / "layout.json").is_file()
+
+
+def test_slurm_script_asks_for_jobs_of_one_core_and_one_thread() -> None:
+    """Without SLURM: the job script that the page's script would submit."""
+    text = (PAGES / "batch.md").read_text(encoding="utf-8")
+    [code] = re.findall(r'^```python title="slurm_cluster.py"\n(.*?)^```$', text, re.M | re.S)
+    page: dict[str, Any] = {"__name__": "slurm_cluster"}
+    exec(code, page)
+    with page["slurm_cluster"]() as cluster:
+        script = cluster.job_script()
+        address = cluster.scheduler_address
+    lines = script.splitlines()
+    directives = {line.removeprefix("#SBATCH ") for line in lines if line.startswith("#SBATCH ")}
+    assert {"-p cpu", "-A my_project", "-n 1", "--cpus-per-task=1", "--mem=3G", "-t 04:00:00"} <= directives
+    [worker] = [line for line in lines if "distributed.cli.dask_worker" in line]
+    assert f" {address} " in worker
+    for option in ("--nthreads 1", "--memory-limit 3.00GiB", "--lifetime 225m", "--death-timeout 300"):
+        assert option in worker
+    assert "--nworkers" not in worker
+    threads = next(line for line in lines if line.startswith("export "))
+    assert lines.index(threads) < lines.index(worker)
+    assert set(threads.split()[1:]) == {f"{name}={number}" for name, number in ONE_THREAD.items()}
 
 
 def test_messages_in_troubleshooting_are_the_programs_own() -> None:

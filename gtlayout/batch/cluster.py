@@ -14,6 +14,7 @@ from dask.utils import parse_bytes
 from distributed import Client, LocalCluster, Worker
 from distributed.diagnostics.plugin import WorkerPlugin
 from distributed.system import MEMORY_LIMIT
+from distributed.utils import silence_logging_cmgr
 
 from gtlayout.batch.fingerprint import program
 from gtlayout.errors import GtlayoutError
@@ -77,7 +78,8 @@ def existing_cluster(address: str) -> Iterator[Client]:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise GtlayoutError(f"no Dask scheduler answers at {address}: {error}") from error
-    with client:
+    # What happens to the connection is told in one line; Dask would log a traceback.
+    with silence_logging_cmgr(logging.CRITICAL), client:
         here = program()
         for worker, there in client.run(program, on_error="return").items():
             if there != here:

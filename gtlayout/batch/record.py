@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.io.files import json_text, read_json, write_atomic
 
 FORMAT = "gtlayout-record/1"
 SCENES = "scenes"
@@ -89,7 +89,12 @@ def scene_folder(run: Path, scene: str) -> Path:
 
 def write_record(path: Path, record: Record) -> None:
     """Write record.json. Raises GtlayoutError when the disk does not take it."""
-    write_json_atomic(path, {"format": FORMAT, **asdict(record)})
+    write_atomic(path, record_text(record))
+
+
+def record_text(record: Record) -> str:
+    """What record.json holds."""
+    return json_text({"format": FORMAT, **asdict(record)})
 
 
 def read_record(path: Path) -> Record:

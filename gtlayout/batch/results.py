@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gtlayout.batch.fingerprint import sha256
-from gtlayout.batch.record import PASSING, RECORD_FILE, SOLVE_LOG_FILE, Record, read_record, write_record
+from gtlayout.batch.record import PASSING, RECORD_FILE, SOLVE_LOG_FILE, Record, read_record, record_text
 from gtlayout.errors import GtlayoutError
 
 TRIES = 10
@@ -59,7 +59,8 @@ def publish(record: Record, work: Path, place: Path) -> Record:
             if path.name != SOLVE_LOG_FILE:
                 path.unlink()
         record = replace(record, files={path.name: sha256(path) for path in sorted(work.iterdir())})
-        write_record(work / RECORD_FILE, record)
+        # Not with write_record: that would make the folder anew if it has just gone.
+        (work / RECORD_FILE).write_text(record_text(record), encoding="utf-8")
         place.parent.mkdir(parents=True, exist_ok=True)
         _swap(work, place)
     except (OSError, GtlayoutError) as error:

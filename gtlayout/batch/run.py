@@ -6,7 +6,7 @@ import shutil
 import time
 import uuid
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
@@ -111,18 +111,24 @@ def _lease(run: Path) -> Iterator[Path]:
     run = run.resolve()
     lease = run / f"{LEASE}{uuid.uuid4().hex}"
     try:
-        for left in run.glob(f"{LEASE}*"):
-            # At once and as a whole, so that nobody still at work in it can put its results into their place.
-            left.rename(run / f"{GONE}{uuid.uuid4().hex}")
-        for gone in run.glob(f"{GONE}*"):
-            shutil.rmtree(gone, ignore_errors=True)
+        _discard(run, list(run.glob(f"{LEASE}*")))
         lease.mkdir()
     except OSError as error:
         raise GtlayoutError(f"cannot write {lease}: {error.strerror or error}") from error
     try:
         yield lease
     finally:
-        shutil.rmtree(lease, ignore_errors=True)
+        with suppress(OSError):  # Another session may have taken over.
+            _discard(run, [lease])
+
+
+def _discard(run: Path, leases: Iterable[Path]) -> None:
+    """Remove work in progress. Raises OSError."""
+    for lease in leases:
+        # At once and as a whole, so that nobody still at work in it can put its results, or half of them, into place.
+        lease.rename(run / f"{GONE}{uuid.uuid4().hex}")
+    for gone in run.glob(f"{GONE}*"):
+        shutil.rmtree(gone, ignore_errors=True)
 
 
 def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, bool] | None]:

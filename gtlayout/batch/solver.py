@@ -15,7 +15,7 @@ import threading
 import time
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from queue import SimpleQueue
@@ -58,7 +58,9 @@ def answer(attempt: Attempt) -> Answer:
     """Solve the scene into the attempt's work folder, unless its finished result is still good."""
     try:
         with (
-            (Path(attempt.work) / SOLVE_LOG_FILE).open("a", encoding="utf-8") as log,
+            # Not by its path: when the run is stopped the folder goes, and writing to the path would make it anew.
+            chdir(attempt.work),
+            Path(SOLVE_LOG_FILE).open("a", encoding="utf-8") as log,
             _logged(log, attempt.job.timeout_s),
         ):
             return _answer(attempt)
@@ -77,7 +79,7 @@ def _answer(attempt: Attempt) -> Answer:
         restarts = range(job.first_restart, job.end_restart)
         solution = solve(load(job.source), Config(**asdict(job.settings)), restarts=restarts)
         solved = _figures(solution)
-        _write(solution, attempt)
+        _write(solution, attempt.job)
     except CannotWriteError as error:
         return Answer(unwritable=str(error))
     except GtlayoutError as error:
@@ -139,10 +141,10 @@ def _figures(solution: Solution) -> dict[str, Any]:
     }
 
 
-def _write(solution: Solution, attempt: Attempt) -> None:
-    """Raises CannotWriteError."""
-    work, run = Path(attempt.work), Path(attempt.job.run)
-    plotly = os.path.relpath(run / PLOTLY_FILE, scene_folder(run, attempt.job.scene))
+def _write(solution: Solution, job: Job) -> None:
+    """Into the working directory. Raises CannotWriteError."""
+    work, run = Path(), Path(job.run)
+    plotly = os.path.relpath(run / PLOTLY_FILE, scene_folder(run, job.scene))
     page = solved_page(solution, Path(plotly).as_posix())
     small = thumbnail(solution.scene, solution.layout, solution.quality)
     try:

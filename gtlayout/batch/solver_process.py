@@ -56,9 +56,7 @@ class SolverProcess:
             LeaseLostError: the job's lease is gone.
         """
         job = attempt.job
-        self._check_lease(
-            job
-        )  # Before a process is started: this may be the second attempt, of a run that was stopped.
+        self._check_lease(job)  # This may be the second attempt of a run that was stopped.
         process = self._started(job.program)
         _say(process, json.dumps(asdict(attempt)))
         resident = psutil.Process(process.pid)
