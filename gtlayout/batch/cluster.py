@@ -25,6 +25,13 @@ WORKER_BYTES = 3 << 29
 MEMORY_SHARE = 0.9
 """Of the machine's memory, for all workers."""
 CONNECT_S = 30
+SETTINGS = {
+    # Workers' stacks, looked at a hundred times a second: the work is done elsewhere.
+    "distributed.worker.profile.enabled": False,
+    # What Dask remembers of each task, for its own developers and its dashboard: memory is not to grow with scenes done.
+    "distributed.admin.low-level-log-length": 100,
+    "distributed.scheduler.dashboard.tasks.task-stream-length": 1000,
+}
 LOOPBACK = "127.0.0.1"
 DASHBOARD_PORT = 8787
 """Dask's own; another one is taken when it is in use."""
@@ -40,9 +47,7 @@ def local_cluster(workers: int | None = None, memory_limit: str | None = None) -
     """
     number = workers or max(1, min(CPU_COUNT, int(MEMORY_SHARE * MEMORY_LIMIT) // WORKER_BYTES))
     limit_bytes = _bytes(memory_limit) if memory_limit else int(MEMORY_SHARE * MEMORY_LIMIT) // number
-    # Dask would look at every worker's stack a hundred times a second, for a view that would show nothing: the work is
-    # done elsewhere.
-    with dask.config.set({"distributed.worker.profile.enabled": False}):
+    with dask.config.set(SETTINGS):
         with warnings.catch_warnings(action="ignore"):  # that the dashboard's port is in use: the other one is printed
             cluster = LocalCluster(
                 n_workers=number,
