@@ -28,7 +28,7 @@ CONNECT_S = 30
 SETTINGS = {
     # Workers' stacks, looked at a hundred times a second: the work is done elsewhere.
     "distributed.worker.profile.enabled": False,
-    # What Dask remembers of each task, for its own developers and its dashboard: memory is not to grow with scenes done.
+    # What Dask remembers of each task, for its developers and its dashboard: memory is not to grow with scenes.
     "distributed.admin.low-level-log-length": 100,
     "distributed.scheduler.dashboard.tasks.task-stream-length": 1000,
 }
