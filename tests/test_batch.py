@@ -75,6 +75,21 @@ class TestFindScenes:
             find_scenes([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
         assert list(find_scenes([tmp_path], tmp_path / "run")) == ["a/office", "b/office"]
 
+    def test_no_scene_is_in_the_results_of_another(self, tmp_path: Path) -> None:
+        _scene(tmp_path / "a" / "house", "transforms.json")
+        _scene(tmp_path / "b" / "house" / "kitchen", "transforms.json")
+        with pytest.raises(GtlayoutError, match="'house/kitchen' would lie in those of 'house'"):
+            find_scenes([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
+        assert list(find_scenes([tmp_path], tmp_path / "run")) == ["a/house", "b/house/kitchen"]
+
+    def test_a_name_that_no_table_can_hold_is_refused(self, tmp_path: Path) -> None:
+        try:
+            _scene(tmp_path / os.fsdecode(b"caf\xe9"), "transforms.json")
+        except OSError:
+            pytest.skip("this file system takes UTF-8 only")
+        with pytest.raises(GtlayoutError, match=r"caf\\udce9: the path is no UTF-8"):
+            find_scenes([tmp_path], tmp_path / "run")
+
     def test_links_that_lead_back_are_followed_once(self, tmp_path: Path) -> None:
         _scene(tmp_path / "set" / "office", "transforms.json")
         (tmp_path / "set" / "again").symlink_to(tmp_path / "set", target_is_directory=True)
