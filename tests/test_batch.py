@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import os
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -177,6 +179,25 @@ class TestResults:
         else:
             (tmp_path / "a" / ("layout.json" if damage == "changed" else RECORD_FILE)).write_text("[]")
         assert finished(tmp_path / "a") is None
+
+    def test_results_without_their_record_are_replaced(self, tmp_path: Path, lease: Path) -> None:
+        publish(SOLVED, self._work(lease, "old"), tmp_path / "a")
+        (tmp_path / "a" / RECORD_FILE).unlink()
+        assert finished(tmp_path / "a") is None
+        publish(SOLVED, self._work(lease, "new"), tmp_path / "a")
+        assert (tmp_path / "a" / "layout.json").read_text() == "new"
+
+    def test_what_an_attempt_left_half_written_is_not_kept(self, tmp_path: Path, lease: Path) -> None:
+        work = self._work(lease, "{}")
+        (work / ".layout.json.17.tmp").write_text('{"form')
+        record = publish(SOLVED, work, tmp_path / "a")
+        assert sorted(record.files) == ["layout.json", "log.txt"]
+        assert not (tmp_path / "a" / ".layout.json.17.tmp").exists()
+
+    def test_a_lost_lease_is_told_once_though_dask_has_sent_it(self, lease: Path) -> None:
+        with pytest.raises(LeaseLostError) as lost:
+            new_work_folder(lease / "gone")
+        assert str(pickle.loads(pickle.dumps(lost.value))) == str(lost.value)
 
     def test_without_the_lease_nothing_is_put_into_its_place(self, tmp_path: Path, lease: Path) -> None:
         publish(SOLVED, self._work(lease, "of the session that goes on"), tmp_path / "a")
