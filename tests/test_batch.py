@@ -23,7 +23,7 @@ from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.job import Attempt, Job, Settings
 from gtlayout.batch.record import RECORD_FILE, Failure, Record, read_record, scene_folder, write_record
 from gtlayout.batch.results import CannotWriteError, LeaseLostError, finished, new_work_folder, publish
-from gtlayout.batch.run import _lease, _merged, _outcome, _split
+from gtlayout.batch.run import _lease, _merged, _outcome, _outcomes, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
@@ -291,6 +291,56 @@ class TestLostWork:
         assert (record.failure, record.reason) == ("worker", "no gtlayout here")
         assert read_record(place / RECORD_FILE).status == ("accepted" if there else "failed")
 
+    def test_an_answer_that_is_lost_with_its_worker_is_waited_for_again(self) -> None:
+        came = Outcome(SOLVED, same=True)
+
+        class Lost:
+            """Dask tells of it when it is done; then its worker goes, and it is done again."""
+
+            key, status = "solve", "pending"
+
+            def add_done_callback(self, callback: Callable[[Lost], None]) -> None:
+                self.status = "lost" if self.status == "pending" else "finished"
+                callback(self)
+
+            def exception(self) -> None:
+                assert self.status == "finished"
+
+            def result(self) -> Outcome:
+                return came
+
+        class Stub:
+            status = "running"
+
+            def nthreads(self) -> dict[str, int]:
+                return {"a worker": 1}
+
+            def submit(self, *_: object, **__: object) -> Lost:
+                return Lost()
+
+        job = Job("a", "src", "run", "lease", Settings(), "p", 60.0, 0, 1)
+        assert list(_outcomes(Stub(), [job])) == [(SOLVED, True)]  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize("vanishes", ["before", "meanwhile"])
+    def test_a_scene_that_cannot_be_looked_at_leaves_what_is_there_and_is_tried_again(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, vanishes: str
+    ) -> None:
+        """As when the disk of the scenes is gone for a while; the work folder is there."""
+        scene = _scene(tmp_path / "a", "transforms.json")
+        work = tmp_path / "work"
+        work.mkdir()
+
+        def vanish() -> None:
+            scene.rename(tmp_path / "elsewhere")
+
+        if vanishes == "before":
+            vanish()
+        monkeypatch.setattr(solver, "_logged", lambda *_: nullcontext())
+        job = Job("a", str(scene), str(tmp_path / "run"), str(tmp_path), Settings(), "", 60.0, 0, 1)
+        came = solver.answer(Attempt(job, str(work), "", "of the finished result"), vanish)
+        assert (came.failure, came.begun) == ("input", vanishes == "meanwhile")
+        assert "fingerprint" not in came.figures
+
 
 class TestRunFolder:
     def test_tables_have_one_row_a_scene_and_a_column_a_stage(self, tmp_path: Path) -> None:
@@ -377,7 +427,12 @@ class TestCommand:
 
     @pytest.mark.parametrize(
         "arguments",
-        [[], ["--out", "run", "--scheduler", "tcp://x:1", "--workers", "2"], ["--out", "run", "--timeout", "0"]],
+        [
+            [],
+            ["--out", "run", "--scheduler", "tcp://x:1", "--workers", "2"],
+            ["--out", "run", "--timeout", "0"],
+            ["--out", "run", "--timeout", "inf"],
+        ],
     )
     def test_wrong_usage(self, scenes: str, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["batch", scenes, *arguments]) == 2
