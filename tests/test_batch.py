@@ -451,6 +451,10 @@ class TestCommand:
                 [scenes, "--out", run, "--scheduler", "tcp://127.0.0.1:1"],
                 "no Dask scheduler answers at tcp://127.0.0.1:1",
             ),
+            (
+                [scenes, "--out", run, "--scheduler", "tls://127.0.0.1:1"],
+                "no Dask scheduler answers at tls://127.0.0.1:1: TLS expects",
+            ),
         ]:
             assert main(["batch", *arguments]) == 1
             assert capsys.readouterr().err.startswith(f"gtlayout: {said}")
