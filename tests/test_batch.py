@@ -31,6 +31,7 @@ from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
+from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.method import solve
 from gtlayout.synth import SynthConfig, synthesize
 
@@ -170,6 +171,19 @@ class TestResults:
     ) -> None:
         publish(replace(SOLVED, status="failed", failure=failure), new_work_folder(lease), tmp_path / "a")
         assert (finished(tmp_path / "a") is not None) == good
+
+    @pytest.mark.parametrize(
+        "wrong",
+        [{"iou": "high"}, {"weak": True}, {"stages_s": {"mesh": "x"}}, {"files": 3}, {"attempts": None}, {"z": 1}],
+    )
+    def test_a_record_of_something_else_is_none(self, tmp_path: Path, wrong: dict[str, object]) -> None:
+        """No table could be written with it."""
+        write_record(tmp_path / RECORD_FILE, SOLVED)
+        assert read_record(tmp_path / RECORD_FILE) == SOLVED
+        write_json_atomic(tmp_path / RECORD_FILE, {**read_json(tmp_path / RECORD_FILE), **wrong})
+        with pytest.raises(GtlayoutError, match="is damaged"):
+            read_record(tmp_path / RECORD_FILE)
+        assert finished(tmp_path) is None
 
     @pytest.mark.parametrize("damage", ["absent", "changed", "record"])
     def test_results_that_are_not_as_written_are_not_finished(self, tmp_path: Path, lease: Path, damage: str) -> None:
