@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import csv
 import os
+import pickle
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,7 @@ from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.job import Attempt, Job, Settings
 from gtlayout.batch.record import RECORD_FILE, Failure, Record, read_record, scene_folder, write_record
 from gtlayout.batch.results import CannotWriteError, LeaseLostError, finished, new_work_folder, publish
-from gtlayout.batch.run import _lease, _merged, _outcome, _split
+from gtlayout.batch.run import _lease, _merged, _outcome, _outcomes, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
@@ -29,6 +31,7 @@ from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
+from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.method import solve
 from gtlayout.synth import SynthConfig, synthesize
 
@@ -74,6 +77,21 @@ class TestFindScenes:
         with pytest.raises(GtlayoutError, match=r"a/office and .*b/office: two scenes called 'office'"):
             find_scenes([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
         assert list(find_scenes([tmp_path], tmp_path / "run")) == ["a/office", "b/office"]
+
+    def test_no_scene_is_in_the_results_of_another(self, tmp_path: Path) -> None:
+        _scene(tmp_path / "a" / "house", "transforms.json")
+        _scene(tmp_path / "b" / "house" / "kitchen", "transforms.json")
+        with pytest.raises(GtlayoutError, match="'house/kitchen' would lie in those of 'house'"):
+            find_scenes([tmp_path / "a", tmp_path / "b"], tmp_path / "run")
+        assert list(find_scenes([tmp_path], tmp_path / "run")) == ["a/house", "b/house/kitchen"]
+
+    def test_a_name_that_no_table_can_hold_is_refused(self, tmp_path: Path) -> None:
+        try:
+            _scene(tmp_path / os.fsdecode(b"caf\xe9"), "transforms.json")
+        except OSError:
+            pytest.skip("this file system takes UTF-8 only")
+        with pytest.raises(GtlayoutError, match=r"caf\\udce9: the path is no UTF-8"):
+            find_scenes([tmp_path], tmp_path / "run")
 
     def test_links_that_lead_back_are_followed_once(self, tmp_path: Path) -> None:
         _scene(tmp_path / "set" / "office", "transforms.json")
@@ -154,6 +172,19 @@ class TestResults:
         publish(replace(SOLVED, status="failed", failure=failure), new_work_folder(lease), tmp_path / "a")
         assert (finished(tmp_path / "a") is not None) == good
 
+    @pytest.mark.parametrize(
+        "wrong",
+        [{"iou": "high"}, {"weak": True}, {"stages_s": {"mesh": "x"}}, {"files": 3}, {"attempts": None}, {"z": 1}],
+    )
+    def test_a_record_of_something_else_is_none(self, tmp_path: Path, wrong: dict[str, object]) -> None:
+        """No table could be written with it."""
+        write_record(tmp_path / RECORD_FILE, SOLVED)
+        assert read_record(tmp_path / RECORD_FILE) == SOLVED
+        write_json_atomic(tmp_path / RECORD_FILE, {**read_json(tmp_path / RECORD_FILE), **wrong})
+        with pytest.raises(GtlayoutError, match="is damaged"):
+            read_record(tmp_path / RECORD_FILE)
+        assert finished(tmp_path) is None
+
     @pytest.mark.parametrize("damage", ["absent", "changed", "record"])
     def test_results_that_are_not_as_written_are_not_finished(self, tmp_path: Path, lease: Path, damage: str) -> None:
         publish(SOLVED, self._work(lease, "{}"), tmp_path / "a")
@@ -162,6 +193,25 @@ class TestResults:
         else:
             (tmp_path / "a" / ("layout.json" if damage == "changed" else RECORD_FILE)).write_text("[]")
         assert finished(tmp_path / "a") is None
+
+    def test_results_without_their_record_are_replaced(self, tmp_path: Path, lease: Path) -> None:
+        publish(SOLVED, self._work(lease, "old"), tmp_path / "a")
+        (tmp_path / "a" / RECORD_FILE).unlink()
+        assert finished(tmp_path / "a") is None
+        publish(SOLVED, self._work(lease, "new"), tmp_path / "a")
+        assert (tmp_path / "a" / "layout.json").read_text() == "new"
+
+    def test_what_an_attempt_left_half_written_is_not_kept(self, tmp_path: Path, lease: Path) -> None:
+        work = self._work(lease, "{}")
+        (work / ".layout.json.17.tmp").write_text('{"form')
+        record = publish(SOLVED, work, tmp_path / "a")
+        assert sorted(record.files) == ["layout.json", "log.txt"]
+        assert not (tmp_path / "a" / ".layout.json.17.tmp").exists()
+
+    def test_a_lost_lease_is_told_once_though_dask_has_sent_it(self, lease: Path) -> None:
+        with pytest.raises(LeaseLostError) as lost:
+            new_work_folder(lease / "gone")
+        assert str(pickle.loads(pickle.dumps(lost.value))) == str(lost.value)
 
     def test_without_the_lease_nothing_is_put_into_its_place(self, tmp_path: Path, lease: Path) -> None:
         publish(SOLVED, self._work(lease, "of the session that goes on"), tmp_path / "a")
@@ -255,6 +305,56 @@ class TestLostWork:
         assert (record.failure, record.reason) == ("worker", "no gtlayout here")
         assert read_record(place / RECORD_FILE).status == ("accepted" if there else "failed")
 
+    def test_an_answer_that_is_lost_with_its_worker_is_waited_for_again(self) -> None:
+        came = Outcome(SOLVED, same=True)
+
+        class Lost:
+            """Dask tells of it when it is done; then its worker goes, and it is done again."""
+
+            key, status = "solve", "pending"
+
+            def add_done_callback(self, callback: Callable[[Lost], None]) -> None:
+                self.status = "lost" if self.status == "pending" else "finished"
+                callback(self)
+
+            def exception(self) -> None:
+                assert self.status == "finished"
+
+            def result(self) -> Outcome:
+                return came
+
+        class Stub:
+            status = "running"
+
+            def nthreads(self) -> dict[str, int]:
+                return {"a worker": 1}
+
+            def submit(self, *_: object, **__: object) -> Lost:
+                return Lost()
+
+        job = Job("a", "src", "run", "lease", Settings(), "p", 60.0, 0, 1)
+        assert list(_outcomes(Stub(), [job])) == [(SOLVED, True)]  # type: ignore[arg-type]
+
+    @pytest.mark.parametrize("vanishes", ["before", "meanwhile"])
+    def test_a_scene_that_cannot_be_looked_at_leaves_what_is_there_and_is_tried_again(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, vanishes: str
+    ) -> None:
+        """As when the disk of the scenes is gone for a while; the work folder is there."""
+        scene = _scene(tmp_path / "a", "transforms.json")
+        work = tmp_path / "work"
+        work.mkdir()
+
+        def vanish() -> None:
+            scene.rename(tmp_path / "elsewhere")
+
+        if vanishes == "before":
+            vanish()
+        monkeypatch.setattr(solver, "_logged", lambda *_: nullcontext())
+        job = Job("a", str(scene), str(tmp_path / "run"), str(tmp_path), Settings(), "", 60.0, 0, 1)
+        came = solver.answer(Attempt(job, str(work), "", "of the finished result"), vanish)
+        assert (came.failure, came.begun) == ("input", vanishes == "meanwhile")
+        assert "fingerprint" not in came.figures
+
 
 class TestRunFolder:
     def test_tables_have_one_row_a_scene_and_a_column_a_stage(self, tmp_path: Path) -> None:
@@ -341,7 +441,12 @@ class TestCommand:
 
     @pytest.mark.parametrize(
         "arguments",
-        [[], ["--out", "run", "--scheduler", "tcp://x:1", "--workers", "2"], ["--out", "run", "--timeout", "0"]],
+        [
+            [],
+            ["--out", "run", "--scheduler", "tcp://x:1", "--workers", "2"],
+            ["--out", "run", "--timeout", "0"],
+            ["--out", "run", "--timeout", "inf"],
+        ],
     )
     def test_wrong_usage(self, scenes: str, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["batch", scenes, *arguments]) == 2
@@ -359,6 +464,10 @@ class TestCommand:
             (
                 [scenes, "--out", run, "--scheduler", "tcp://127.0.0.1:1"],
                 "no Dask scheduler answers at tcp://127.0.0.1:1",
+            ),
+            (
+                [scenes, "--out", run, "--scheduler", "tls://127.0.0.1:1"],
+                "no Dask scheduler answers at tls://127.0.0.1:1: TLS expects",
             ),
         ]:
             assert main(["batch", *arguments]) == 1

@@ -134,11 +134,17 @@ def test_links_lead_to_the_run_from_wherever_the_page_is(run: Path, tmp_path: Pa
             assert (folder / unquote(one["folder"])).resolve() == scene_folder(run, one["name"]).resolve()
 
 
-def test_damaged_figures_are_not_known(tmp_path: Path) -> None:
-    run = made_run(tmp_path, [solved("a", 0.9, seconds="x", peak_memory_mib=float("nan"), weak=[1])])
+def test_damaged_records_are_not_finished_and_figures_that_are_none_not_known(tmp_path: Path) -> None:
+    records = [
+        solved("a", 0.9, peak_memory_mib=float("nan")),
+        solved("b", 0.9, seconds="x"),
+        solved("c", 0.9, weak=[1]),
+    ]
+    run = made_run(tmp_path, records)
     write_run_report(run, run / "report.html")
-    (one,) = scenes_of(run_data(read_run(run), run))
-    assert (one["seconds"], one["memory"], one["weak"]) == (None, None, None)
+    data = run_data(read_run(run), run)
+    assert [(one["name"], one["memory"]) for one in scenes_of(data)] == [("a", None)]
+    assert data["not_yet"] == ["b", "c"]
 
 
 def test_run_without_a_finished_scene(tmp_path: Path, page: Page, problems: list[str]) -> None:

@@ -81,7 +81,7 @@ def existing_cluster(address: str) -> Iterator[Client]:
     """
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:  # the last: tls:// without certificates
         raise GtlayoutError(f"no Dask scheduler answers at {address}: {error}") from error
     # What happens to the connection is told in one line; Dask would log a traceback.
     with silence_logging_cmgr(logging.CRITICAL), client:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import Counter
 from pathlib import Path
 from typing import Annotated, get_args
@@ -31,7 +32,7 @@ def batch(
     scheduler: str | None = None,
     workers: Positive | None = None,
     memory_limit: str | None = None,
-    timeout: Annotated[float, Parameter(validator=Number(gt=0))] = TIMEOUT_S,
+    timeout: Annotated[float, Parameter(validator=Number(gt=0, lte=threading.TIMEOUT_MAX))] = TIMEOUT_S,
     refine_cameras: Annotated[bool, Parameter(negative=())] = False,
     restarts: Positive = 1,
     seed: NotNegative = 0,

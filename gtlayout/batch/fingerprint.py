@@ -48,8 +48,10 @@ def program() -> str:
 def inputs_of(scene: Path, settings: str, leave_out: Iterable[Path] = ()) -> Inputs:
     """The files in the folder ``scene``, and those its cameras refer to elsewhere.
 
-    Raises GtlayoutError when one cannot be looked at.
+    Raises GtlayoutError when the folder is not there, or a file cannot be looked at.
     """
+    if not scene.is_dir():
+        raise GtlayoutError(f"no folder {scene}")
     # CAD-Estate keeps the images of all clips of a video outside their folders.
     roots = [scene, *([folder] if (folder := image_folder(scene)) else [])]
     left_out = {(scene / FOLDER).resolve(), *(path.resolve() for path in leave_out)}

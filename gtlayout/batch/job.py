@@ -69,7 +69,7 @@ class Answer:
     same: bool = False
     """The finished result is still good: nothing was solved."""
     begun: bool = True
-    """It was found out that the scene must be solved; false only for a process that died or hung before."""
+    """It was found out that the scene must be solved; false for what went wrong before."""
     unwritable: str = ""
     """Why results cannot be written: the run must stop."""
     no_solution: bool = False

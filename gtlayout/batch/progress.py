@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from gtlayout.batch.record import Record, Status
+from gtlayout.io.files import printable
 
 LINE_EVERY_S = 30.0
 """Without a terminal."""
@@ -48,7 +49,7 @@ class RunProgress:
         self._counts[record.status] += 1
         self._solved += not same
         if record.status == "failed" and not same:
-            self._console.print(f"{record.scene} failed ({record.failure}): {record.reason}")
+            self._console.print(f"{printable(record.scene)} failed ({record.failure}): {record.reason}")
 
     def tick(self) -> None:
         """Say how far it is, if it is time to."""

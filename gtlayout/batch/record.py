@@ -24,6 +24,14 @@ process died of a signal; it outgrew its memory; its worker was lost again and a
 """
 PASSING: tuple[Failure, ...] = ("timeout", "died", "memory", "worker")
 """May go well another time; all others are the same whenever the same scene is solved."""
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    "int": int,
+    "float": (int, float),
+    "bool": bool,
+    "dict[str, float]": dict,
+    "dict[str, str]": dict,
+}
+"""Of Record's fields, as JSON has them; all others are text."""
 
 
 @dataclass(frozen=True)
@@ -107,14 +115,21 @@ def read_record(path: Path) -> Record:
 
 def record_of(data: dict[str, Any], path: Path) -> Record:
     """A record out of JSON; ``path`` is for the message. Raises GtlayoutError when something in it is wrong."""
-    known = {one.name for one in fields(Record)}
+    known = {one.name: str(one.type) for one in fields(Record)}
     fine = (
-        set(data) <= known
-        and isinstance(data.get("scene"), str)
-        and data.get("status") in get_args(Status)
+        {"scene", "status"} <= set(data) <= set(known)
+        and all(_fits(value, known[name]) for name, value in data.items())
+        and data["status"] in get_args(Status)
         and data.get("failure") in (None, *get_args(Failure))
-        and isinstance(data.get("stages_s", {}), dict)
+        and all(_fits(seconds, "float") for seconds in data.get("stages_s", {}).values())
     )
     if not fine:
         raise GtlayoutError(f"{path} is damaged; remove it and run the batch again")
     return Record(**data)
+
+
+def _fits(value: object, declared: str) -> bool:
+    if value is None:
+        return declared.endswith(" | None")
+    kind = _KINDS.get(declared.removesuffix(" | None"), str)
+    return isinstance(value, kind) and (kind is bool or not isinstance(value, bool))

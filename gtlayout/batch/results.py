@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import shutil
 import uuid
 from dataclasses import replace
@@ -22,8 +23,13 @@ class CannotWriteError(Exception):
 class LeaseLostError(CannotWriteError):
     """The folder for work in progress is gone: nobody waits for the result any more."""
 
-    def __init__(self, lease: str) -> None:
-        super().__init__(f"{lease} is gone: was another gtlayout batch started into the same folder?")
+
+def lease_lost(lease: Path) -> LeaseLostError:
+    """The error to raise. Not a constructor of its own: Dask sends exceptions, and would call it with the message."""
+    return LeaseLostError(
+        f"{platform.node()} sees no {lease}: was another gtlayout batch started into the same folder, "
+        "or is the folder not on a disk that all machines share?"
+    )
 
 
 def new_work_folder(lease: Path) -> Path:
@@ -32,7 +38,7 @@ def new_work_folder(lease: Path) -> Path:
     try:
         work.mkdir()
     except FileNotFoundError:
-        raise LeaseLostError(str(lease)) from None
+        raise lease_lost(lease) from None
     except OSError as error:
         raise CannotWriteError(f"cannot write {work}: {error.strerror or error}") from error
     return work
@@ -51,12 +57,12 @@ def finished(place: Path) -> Record | None:
 def publish(record: Record, work: Path, place: Path) -> Record:
     """Put the folder ``work`` with its record into ``place``, instead of what may be there, and return the record.
 
-    Of a failed scene only the log is kept. Killed at any moment, it leaves the old results, the new ones or none, never
-    some of both. Raises CannotWriteError.
+    Of a failed scene only the log is kept, and of none what a first attempt left half-written. Killed at any moment,
+    it leaves the old results, the new ones or none, never some of both. Raises CannotWriteError.
     """
     try:
-        for path in work.iterdir() if record.status == "failed" else ():
-            if path.name != SOLVE_LOG_FILE:
+        for path in list(work.iterdir()):
+            if path.name.startswith(".") or (record.status == "failed" and path.name != SOLVE_LOG_FILE):
                 path.unlink()
         record = replace(record, files={path.name: sha256(path) for path in sorted(work.iterdir())})
         # Not with write_record: that would make the folder anew if it has just gone.
@@ -65,13 +71,14 @@ def publish(record: Record, work: Path, place: Path) -> Record:
         _swap(work, place)
     except (OSError, GtlayoutError) as error:
         if not work.parent.is_dir():
-            raise LeaseLostError(str(work.parent)) from error
+            raise lease_lost(work.parent) from error
         raise CannotWriteError(f"cannot write {place}: {getattr(error, 'strerror', None) or error}") from error
     return record
 
 
 def _swap(work: Path, place: Path) -> None:
-    if place.exists() and not (place / RECORD_FILE).exists() and any(place.iterdir()):
+    names = {path.name for path in place.iterdir()} if place.exists() else set()
+    if names and names.isdisjoint((RECORD_FILE, SOLVE_LOG_FILE)):  # one of which may have been removed
         raise CannotWriteError(f"{place} holds something that is no result of a scene; move it elsewhere")
     for tries_left in reversed(range(TRIES)):
         old = work.with_name(uuid.uuid4().hex)

@@ -157,6 +157,10 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
                     raise _LostError(f"the connection is {client.status}") from None
                 yield None
                 continue
+            if future.status == "lost":  # Its worker was, before the answer was fetched: another one does it again.
+                pending[future.key] = future, job
+                future.add_done_callback(arrived.put)
+                continue
             parts[job.scene].append((job, _outcome(future, job)))
             if sum(part.end_restart - part.first_restart for part, _ in parts[job.scene]) == job.settings.restarts:
                 in_order = sorted(parts.pop(job.scene), key=lambda part: part[0].first_restart)
@@ -180,7 +184,7 @@ def _split(job: Job, pieces: int) -> list[Job]:
 
 
 def _outcome(future: Future[Outcome | None], job: Job) -> Outcome | None:
-    if future.status in ("cancelled", "lost"):
+    if future.status == "cancelled":
         raise _LostError(f"it no longer knows of {job.scene}")
     error = future.exception()
     if error is None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePosixPath
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import CAMERA_READERS
@@ -24,7 +24,8 @@ def find_scenes(roots: Sequence[Path], leave_out: Path) -> dict[str, Path]:
     The name is the path below the root, or the folder's own name where the root itself is the scene. ``leave_out``,
     where results go, is passed over, and so are results of ``gtlayout solve`` and hidden folders.
 
-    Raises GtlayoutError when a root is absent or holds no scene, or two scenes have one name.
+    Raises GtlayoutError when a root is absent or holds no scene, two scenes have one name or names of which one would
+    lie in the other's folder of results, or a path is no UTF-8.
     """
     scenes: dict[str, Path] = {}
     for root in roots:
@@ -40,7 +41,22 @@ def find_scenes(roots: Sequence[Path], leave_out: Path) -> dict[str, Path]:
                 raise GtlayoutError(
                     f"{scenes[name]} and {path}: two scenes called {name!r}; give the folder above both, or rename one"
                 )
+    for name, path in scenes.items():
+        _check_name(name, path, scenes)
     return dict(sorted(scenes.items()))
+
+
+def _check_name(name: str, path: Path, scenes: Mapping[str, Path]) -> None:
+    try:
+        str(path.resolve()).encode()
+    except UnicodeEncodeError:
+        raise GtlayoutError(f"{path}: the path is no UTF-8: rename it") from None
+    for above in map(str, PurePosixPath(name).parents):
+        if above in scenes:
+            raise GtlayoutError(
+                f"{scenes[above]} and {path}: the results of {name!r} would lie in those of {above!r}; "
+                "give the folder above both, or rename one"
+            )
 
 
 def _below(folder: Path, seen: set[Path]) -> tuple[list[Path], bool]:

@@ -76,11 +76,13 @@ def _answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
     job = attempt.job
     figures: dict[str, Any] = {}
     start = time.perf_counter()
+    begun = False
     try:
         figures |= _identity(attempt)
         if figures["fingerprint"] == attempt.fingerprint:
             return Answer(figures, same=True)
         begin()
+        begun = True
         restarts = range(job.first_restart, job.end_restart)
         solution = solve(load(job.source), Config(**asdict(job.settings)), restarts=restarts)
         solved = _figures(solution)
@@ -89,11 +91,13 @@ def _answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
         return Answer(unwritable=str(error))
     except GtlayoutError as error:
         print(error)
-        return Answer(figures, no_solution=True) if job.first_restart else Answer(figures, "input", str(error))
+        if job.first_restart:
+            return Answer(figures, no_solution=True)
+        return Answer(_if_unchanged(figures, attempt), "input", str(error), begun=begun)
     except Exception as error:
         # A bug must not cost the night's other scenes.
         traceback.print_exc()
-        return Answer(figures, "memory" if _out_of_memory(error) else "bug", one_line(error))
+        return Answer(figures, "memory" if _out_of_memory(error) else "bug", one_line(error), begun=begun)
     return Answer(figures | solved | {"seconds": time.perf_counter() - start})
 
 
@@ -104,6 +108,14 @@ def _identity(attempt: Attempt) -> dict[str, str]:
     inputs = inputs_of(Path(job.source), decides, [Path(job.run)])
     unchanged = inputs.stamp and inputs.stamp == attempt.stamp
     return {"stamp": inputs.stamp, "fingerprint": attempt.fingerprint if unchanged else fingerprint(inputs, decides)}
+
+
+def _if_unchanged(identity: dict[str, str], attempt: Attempt) -> dict[str, str]:
+    """``identity``; nothing when the scene changed or vanished meanwhile: as it was it may be solved."""
+    try:
+        return identity if _identity(attempt)["fingerprint"] == identity.get("fingerprint") else {}
+    except GtlayoutError:
+        return {}
 
 
 def _figures(solution: Solution) -> dict[str, Any]:

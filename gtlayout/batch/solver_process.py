@@ -21,7 +21,7 @@ import psutil
 
 from gtlayout.batch.job import BEGUN, Answer, Attempt, Job
 from gtlayout.batch.record import SOLVE_LOG_FILE
-from gtlayout.batch.results import LeaseLostError
+from gtlayout.batch.results import lease_lost
 from gtlayout.errors import GtlayoutError
 from gtlayout.threads import ONE_THREAD
 
@@ -89,10 +89,11 @@ class SolverProcess:
 
     def close(self) -> None:
         """Stop the process, whatever it does."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
+        # Two threads may do so at once: the one that uses it, and the one that ends the worker.
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
 
     def _started(self, program: str) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None or self._program != program:
@@ -119,7 +120,7 @@ class SolverProcess:
     def _check_lease(self, job: Job) -> None:
         if not Path(job.lease).is_dir():
             self.close()
-            raise LeaseLostError(job.lease)
+            raise lease_lost(Path(job.lease))
 
     def _line(self, timeout_s: float) -> str | None:
         try:
