@@ -23,7 +23,7 @@ from batch_runs import MARK, batch, course, differences, ends_s, environment
 from broken_scenes import make_data_set, wrongly_recorded
 from command_line import exit_status, new_app
 from dask_processes import DaskProcesses, dask_processes, kill, left_behind
-from gtlayout.batch.run_folder import recorded
+from gtlayout.batch.run_folder import is_run, read_run
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.errors import GtlayoutError
 from memory_use import Use, Watch, slope_kib
@@ -76,7 +76,7 @@ def trial(
     with batch(data, run, options, out / "batch.log") as command, Watch(command.pid) as watch:
         status = command.wait()
     ended_s = time.time()
-    records = recorded(run, scenes)
+    records = read_run(run).records
     end_s = ends_s(run, records)
     wrong = wrongly_recorded(scenes, broken, records)
     wrong += [] if status == 3 else [f"exit status {status}, not 3"]
@@ -190,7 +190,7 @@ def disturb(
             start = time.monotonic()
             while len(done) < len(victims) and not ended(command, rng.uniform(0, within_s)):
                 victim = victims[len(done)]
-                finished = len(recorded(run, scenes))
+                finished = len(read_run(run).records) if is_run(run) else 0
                 strike(victim, command, dask, rng)
                 done.append(Kill(victim, time.monotonic() - start, finished))
                 print(f"{run.name}: {victim} killed, {finished} scenes finished", file=sys.stderr)
@@ -257,7 +257,7 @@ def scaling(root: Annotated[Path, Parameter(name="ROOT")], /, *, out: Path, repe
                 if command.wait() not in (0, 3):
                     raise GtlayoutError(f"{run.name} ended with status {command.returncode}: see {out}")
             ended_s = time.time()
-            measured.append(course(recorded(run, scenes), ends_s(run, scenes), began_s, ended_s, workers))
+            measured.append(course(read_run(run).records, ends_s(run, scenes), began_s, ended_s, workers))
     write_tables(out, "scaling", scaling_rows(min(plain_s), len(scenes), found), "run")
     print((out / "scaling.md").read_text(encoding="utf-8"))
 

@@ -30,6 +30,9 @@ PIXEL = bytes.fromhex(
 )
 
 
+VERSION = "1.2.3"
+
+
 def solved(scene: str, iou: float, **more: Any) -> Record:
     known: dict[str, Any] = {
         "status": "accepted" if iou >= 0.8 else "not accepted",
@@ -54,10 +57,10 @@ def failed(scene: str, failure: Failure, reason: str = "", **more: Any) -> Recor
 
 def made_run(folder: Path, records: list[Record], not_yet: tuple[str, ...] = (), **config: Any) -> Path:
     names = sorted([record.scene for record in records] + list(not_yet))
-    write_run(folder, names, {**asdict(Config()), **config}, "1.2.3")
+    write_run(folder, names, {**asdict(Config()), **config}, VERSION)
     for record in records:
         place = scene_folder(folder, record.scene)
-        write_record(place / RECORD_FILE, record)
+        write_record(place / RECORD_FILE, replace(record, configuration=VERSION))
         (place / SOLVE_LOG_FILE).write_text("log")
         if record.status != "failed":
             (place / "report.html").write_text("<title>scene</title>")

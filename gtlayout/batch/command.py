@@ -73,7 +73,9 @@ def batch(
         records = run_batch(client, scenes, out, Settings(seed, refine_cameras, restarts), timeout, progress)
     counts = Counter(record.status for record in records.values())
     console = stdout()
+    failures = Counter(record.failure for record in records.values() if record.failure)
     said = ", ".join(f"{counts[status]} {status}" for status in get_args(Status))
+    said += f" ({', '.join(f'{count} {why}' for why, count in failures.most_common())})" if failures else ""
     console.print(f"{len(records)} scene{'s' if len(records) > 1 else ''}: {said}")
     console.print(f"Results: {out} (gtlayout report {out} makes a page of them)")
     return SOME_FAILED if counts["failed"] else 0

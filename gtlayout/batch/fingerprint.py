@@ -29,10 +29,15 @@ class Inputs:
     root: Path
     files: tuple[Path, ...]
     """Sorted, through links; without results and hidden files."""
-    stamp: str
-    """Hash of names, sizes, times and settings: while it stays, the files need not be read again. Empty when one has
-    changed so recently that it may change again and look the same.
-    """
+    look: str
+    """Hash of names, sizes, times and configuration."""
+    settled: bool
+    """No file has changed so recently that it may change again and look the same."""
+
+    @property
+    def stamp(self) -> str:
+        """While it stays, the files need not be read again; empty while they are not settled."""
+        return self.look if self.settled else ""
 
 
 def program() -> str:
@@ -45,7 +50,7 @@ def program() -> str:
     return f"{gtlayout.__version__}+{digest.hexdigest()[:12]}"
 
 
-def inputs_of(scene: Path, settings: str, leave_out: Iterable[Path] = ()) -> Inputs:
+def inputs_of(scene: Path, configuration: str, leave_out: Iterable[Path] = ()) -> Inputs:
     """The files in the folder ``scene``, and those its cameras refer to elsewhere.
 
     Raises GtlayoutError when the folder is not there, or a file cannot be looked at.
@@ -56,7 +61,7 @@ def inputs_of(scene: Path, settings: str, leave_out: Iterable[Path] = ()) -> Inp
     roots = [scene, *([folder] if (folder := image_folder(scene)) else [])]
     left_out = {(scene / FOLDER).resolve(), *(path.resolve() for path in leave_out)}
     files = sorted(set(_walk(roots, left_out)))
-    digest, changed_ns = hashlib.sha256(settings.encode()), 0
+    digest, changed_ns = hashlib.sha256(configuration.encode()), 0
     for path in files:
         try:
             status = path.stat()
@@ -65,15 +70,15 @@ def inputs_of(scene: Path, settings: str, leave_out: Iterable[Path] = ()) -> Inp
         changed_ns = max(changed_ns, status.st_mtime_ns, status.st_ctime_ns)
         digest.update(repr((str(path), status.st_size, status.st_mtime_ns, status.st_ctime_ns)).encode())
     settled = time.time() - changed_ns / 1e9 > SETTLED_S
-    return Inputs(scene, tuple(files), digest.hexdigest() if settled else "")
+    return Inputs(scene, tuple(files), digest.hexdigest(), settled)
 
 
-def fingerprint(inputs: Inputs, settings: str) -> str:
-    """SHA-256 of the content of all ``inputs``, their names in the scene folder, and ``settings``.
+def fingerprint(inputs: Inputs, configuration: str) -> str:
+    """SHA-256 of the content of all ``inputs``, their names in the scene folder, and ``configuration``.
 
     Raises GtlayoutError when a file cannot be read.
     """
-    digest = hashlib.sha256(settings.encode())
+    digest = hashlib.sha256(configuration.encode())
     for path in inputs.files:
         try:
             content = sha256(path)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from gtlayout.batch.record import Failure
@@ -18,6 +18,11 @@ class Settings:
     seed: int = 0
     refine_cameras: bool = False
     restarts: int = 1
+
+    def with_program(self, program: str) -> str:
+        """All that decides a result besides the scene, in words."""
+        chosen = " ".join(f"{name}={value}" for name, value in asdict(self).items())
+        return f"{program} {chosen}"
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,11 @@ class Job:
     """For one attempt."""
     first_restart: int
     end_restart: int
+
+    @property
+    def configuration(self) -> str:
+        """All that decides the result besides the scene."""
+        return self.settings.with_program(self.program)
 
     @property
     def whole(self) -> bool:

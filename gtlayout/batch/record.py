@@ -82,8 +82,10 @@ class Record:
     """UTC, ISO 8601."""
     source: str = ""
     """The scene's folder."""
+    configuration: str = ""
+    """Program and settings it was solved with."""
     fingerprint: str = ""
-    """SHA-256 of inputs, configuration and version; empty when they could not be read."""
+    """SHA-256 of inputs and configuration; empty when the inputs could not be read, or changed meanwhile."""
     stamp: str = ""
     """As the fingerprint, with sizes and times in the place of contents: while it stays, no input need be read."""
     files: dict[str, str] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
 import uuid
@@ -51,9 +52,10 @@ def run_batch(
         GtlayoutError: ``run`` cannot be written, or the scheduler is lost.
     """
     code = program()
-    write_run(run, list(scenes), asdict(Config(**asdict(settings))), code)
+    configuration = settings.with_program(code)
+    write_run(run, list(scenes), asdict(Config(**asdict(settings))), configuration)
     plotly_file(run)
-    tables = _Tables(run, recorded(run, scenes))
+    tables = _Tables(run, recorded(run, scenes, configuration))
     done: dict[str, Record] = {}
     try:
         with _lease(run) as lease:
@@ -61,6 +63,7 @@ def run_batch(
             jobs = [replace(template, scene=name, source=str(path.resolve())) for name, path in scenes.items()]
             progress.begin(len(scenes), _threads(client), client.dashboard_link)
             client.register_plugin(Solvers())
+            _check_shared(client, [lease, *list(scenes.values())[:1]])
             for arrived in _outcomes(client, jobs):
                 if arrived is not None:
                     record, same = arrived
@@ -78,6 +81,14 @@ def run_batch(
         with suppress(GtlayoutError):  # Whatever went wrong before is what matters.
             tables.write()
     return done
+
+
+def _check_shared(client: Client, folders: Sequence[Path]) -> None:
+    """Raises GtlayoutError when a worker does not see them."""
+    for folder in folders:
+        for worker, seen in client.run(os.path.isdir, str(folder.resolve()), on_error="return").items():
+            if seen is not True:
+                raise GtlayoutError(f"{worker} does not see {folder}: it needs scenes and results at the same paths")
 
 
 class _LostError(Exception):
@@ -140,9 +151,11 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
     pending: dict[object, tuple[Future[Outcome | None], Job]] = {}
     parts: dict[str, list[tuple[Job, Outcome | None]]] = {}
     arrived: SimpleQueue[Future[Outcome | None]] = SimpleQueue()
+    threads, asked_s = _threads(client), time.monotonic()
     try:
         while waiting or pending:
-            threads = _threads(client)
+            if time.monotonic() >= asked_s + LOOK_EVERY_S:  # A question to the scheduler: not after every scene.
+                threads, asked_s = _threads(client), time.monotonic()
             while waiting and len(pending) < max(1, AHEAD * threads):
                 job = waiting.popleft()
                 parts[job.scene] = []
@@ -192,7 +205,7 @@ def _outcome(future: Future[Outcome | None], job: Job) -> Outcome | None:
     if isinstance(error, CannotWriteError):
         raise error
     lost = "its worker was lost, again and again" if isinstance(error, KilledWorker) else str(error) or repr(error)
-    record = Record(job.scene, "failed", "worker", lost, source=job.source)
+    record = Record(job.scene, "failed", "worker", lost, source=job.source, configuration=job.configuration)
     if finished(scene_folder(Path(job.run), job.scene)):
         return Outcome(record)  # What is there may still be good, and stays.
     return Outcome(record, work=str(new_work_folder(Path(job.lease))))

@@ -36,16 +36,21 @@ class Run:
     scenes: tuple[str, ...]
     """Names of all that were asked for, sorted."""
     records: dict[str, Record]
-    """Of those that are finished, in the order of ``scenes``."""
+    """Of those that are finished with this configuration, in the order of ``scenes``."""
     config: dict[str, Any]
     """Every setting."""
-    version: str
-    """Of gtlayout."""
+    configuration: str
+    """Program and settings, as in the records."""
+
+    @property
+    def version(self) -> str:
+        """Of gtlayout, with a hash of its code."""
+        return self.configuration.partition(" ")[0]
 
 
-def write_run(folder: Path, scenes: Sequence[str], config: Mapping[str, Any], version: str) -> None:
+def write_run(folder: Path, scenes: Sequence[str], config: Mapping[str, Any], configuration: str) -> None:
     """Write run.json. Raises GtlayoutError when the disk does not take it."""
-    run = {"format": FORMAT, "version": version, "config": dict(config), "scenes": list(scenes)}
+    run = {"format": FORMAT, "configuration": configuration, "config": dict(config), "scenes": list(scenes)}
     write_json_atomic(folder / RUN_FILE, run)
 
 
@@ -73,21 +78,24 @@ def read_run(folder: Path) -> Run:
     try:
         if data["format"] != FORMAT:
             raise ValueError(f'"format" is {data["format"]!r}, not {FORMAT!r}')
-        names, config, version = [str(name) for name in data["scenes"]], dict(data["config"]), str(data["version"])
+        names, config = [str(name) for name in data["scenes"]], dict(data["config"])
+        configuration = str(data["configuration"])
     except (KeyError, TypeError, ValueError) as error:
         raise GtlayoutError(f"{path} is damaged: {error}; run the batch again") from error
-    return Run(folder, tuple(names), recorded(folder, names), config, version)
+    return Run(folder, tuple(names), recorded(folder, names, configuration), config, configuration)
 
 
-def recorded(folder: Path, scenes: Iterable[str]) -> dict[str, Record]:
-    """The records of those scenes that are finished."""
+def recorded(folder: Path, scenes: Iterable[str], configuration: str) -> dict[str, Record]:
+    """The records of those scenes that are finished with this configuration."""
     found = {}
     for scene in scenes:
         path = scene_folder(folder, scene) / RECORD_FILE
         try:
-            found[scene] = read_record(path)
+            record = read_record(path)
         except GtlayoutError:
             continue
+        if record.configuration == configuration:
+            found[scene] = record
     return found
 
 

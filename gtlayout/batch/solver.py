@@ -16,17 +16,17 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import chdir, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, TextIO
 
 import cv2
 
 from gtlayout.api import load, save
-from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
+from gtlayout.batch.fingerprint import Inputs, fingerprint, inputs_of, program
 from gtlayout.batch.job import BEGUN, Answer, Attempt, Job, Settings
-from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Status, scene_folder
+from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Failure, Status, scene_folder
 from gtlayout.batch.results import CannotWriteError
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError, one_line
@@ -38,9 +38,12 @@ from gtlayout.report.plain import finite
 from gtlayout.report_table import reasons, verdict, worst_drawing
 from gtlayout.results import REPORT_FILE
 
+IDLE_S = 300.0
+"""A process that is asked for nothing ends: workers of an existing cluster outlive the run."""
+
 
 def main() -> None:
-    """Answer attempts until stdin ends."""
+    """Answer attempts until stdin ends, or no more come."""
     cv2.setNumThreads(1)
     # Only answers go to the pipe; what else is printed, by libraries in C, too, goes where errors go.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
@@ -49,7 +52,10 @@ def main() -> None:
     threading.Thread(target=_listen, args=(asked,), daemon=True).start()
     print(json.dumps({"program": program()}), file=answers, flush=True)
     while True:
-        data = json.loads(asked.get())
+        try:
+            data = json.loads(asked.get(timeout=IDLE_S))
+        except Empty:
+            os._exit(0)  # Not by returning: that would wait for the thread that listens.
         job = Job(**data["job"] | {"settings": Settings(**data["job"]["settings"])})
         came = answer(Attempt(**data | {"job": job}), lambda: print(json.dumps(BEGUN), file=answers, flush=True))
         print(json.dumps(asdict(came)), file=answers, flush=True)
@@ -74,48 +80,53 @@ def answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
 
 def _answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
     job = attempt.job
-    figures: dict[str, Any] = {}
+    inputs: Inputs | None = None
+    identity: dict[str, str] = {}
     start = time.perf_counter()
-    begun = False
     try:
-        figures |= _identity(attempt)
-        if figures["fingerprint"] == attempt.fingerprint:
-            return Answer(figures, same=True)
+        inputs = _inputs(job)
+        identity = _identity(inputs, attempt)
+        if identity["fingerprint"] == attempt.fingerprint:
+            return Answer(identity, same=True)
         begin()
-        begun = True
         restarts = range(job.first_restart, job.end_restart)
         solution = solve(load(job.source), Config(**asdict(job.settings)), restarts=restarts)
-        solved = _figures(solution)
-        _write(solution, attempt.job)
+        figures = _figures(solution)
+        _write(solution, job)
+        figures["seconds"] = time.perf_counter() - start
+        answer = Answer(figures)
     except CannotWriteError as error:
         return Answer(unwritable=str(error))
     except GtlayoutError as error:
         print(error)
-        if job.first_restart:
-            return Answer(figures, no_solution=True)
-        return Answer(_if_unchanged(figures, attempt), "input", str(error), begun=begun)
+        answer = Answer(failure="input", reason=str(error), no_solution=job.first_restart > 0, begun=bool(identity))
     except Exception as error:
         # A bug must not cost the night's other scenes.
         traceback.print_exc()
-        return Answer(figures, "memory" if _out_of_memory(error) else "bug", one_line(error), begun=begun)
-    return Answer(figures | solved | {"seconds": time.perf_counter() - start})
+        failure: Failure = "memory" if _out_of_memory(error) else "bug"
+        answer = Answer(failure=failure, reason=one_line(error), begun=bool(identity))
+    # A scene that changed or vanished meanwhile is to be looked at again.
+    return replace(answer, figures=answer.figures | (identity if _unchanged(inputs, job) else {}))
 
 
-def _identity(attempt: Attempt) -> dict[str, str]:
+def _inputs(job: Job) -> Inputs:
+    """Raises GtlayoutError when the scene cannot be looked at."""
+    return inputs_of(Path(job.source), job.configuration, [Path(job.run)])
+
+
+def _identity(inputs: Inputs, attempt: Attempt) -> dict[str, str]:
     """Stamp and fingerprint of the scene. Raises GtlayoutError when a file of it cannot be read."""
-    job = attempt.job
-    decides = repr((job.program, asdict(job.settings)))
-    inputs = inputs_of(Path(job.source), decides, [Path(job.run)])
-    unchanged = inputs.stamp and inputs.stamp == attempt.stamp
-    return {"stamp": inputs.stamp, "fingerprint": attempt.fingerprint if unchanged else fingerprint(inputs, decides)}
+    seen = inputs.stamp and inputs.stamp == attempt.stamp
+    fingerprinted = attempt.fingerprint if seen else fingerprint(inputs, attempt.job.configuration)
+    return {"stamp": inputs.stamp, "fingerprint": fingerprinted}
 
 
-def _if_unchanged(identity: dict[str, str], attempt: Attempt) -> dict[str, str]:
-    """``identity``; nothing when the scene changed or vanished meanwhile: as it was it may be solved."""
+def _unchanged(inputs: Inputs | None, job: Job) -> bool:
+    """Whether the scene's files look as they did."""
     try:
-        return identity if _identity(attempt)["fingerprint"] == identity.get("fingerprint") else {}
+        return inputs is not None and _inputs(job).look == inputs.look
     except GtlayoutError:
-        return {}
+        return False
 
 
 def _figures(solution: Solution) -> dict[str, Any]:

@@ -110,6 +110,7 @@ def _record(job: Job, answer: Answer, *, attempts: int, peak_memory_mib: float) 
     failed = {"status": "failed", "failure": answer.failure, "reason": answer.reason} if answer.failure else {}
     return Record(
         **{"scene": job.scene, "source": job.source, **answer.figures, **failed},
+        configuration=job.configuration,
         attempts=attempts,
         peak_memory_mib=peak_memory_mib,
         worker=platform.node(),
