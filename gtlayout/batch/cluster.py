@@ -30,6 +30,7 @@ SETTINGS = {
     "distributed.worker.profile.enabled": False,
     # What Dask remembers of each task, for its developers and its dashboard: memory is not to grow with scenes.
     "distributed.admin.low-level-log-length": 100,
+    "distributed.admin.system-monitor.log-length": 600,
     "distributed.scheduler.dashboard.tasks.task-stream-length": 1000,
 }
 LOOPBACK = "127.0.0.1"

@@ -67,6 +67,7 @@ def run_batch(
             for arrived in _outcomes(client, jobs):
                 if arrived is not None:
                     record, same = arrived
+                    record = replace(record, files={})  # A hash of each file: memory is not to grow with those.
                     done[record.scene] = tables.records[record.scene] = record
                     progress.done(record, same)
                 tables.write_when_due()
