@@ -12,7 +12,7 @@ import pytest
 from measures import measure
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.processes import cores, in_processes
+from gtlayout.processes import in_processes
 
 
 def _ignored(_done: int, _total: int) -> None:
@@ -67,7 +67,3 @@ def test_ctrl_c_stops_those_at_work() -> None:
     with pytest.raises(KeyboardInterrupt):
         in_processes(time.sleep, [0, 3600], 2, interrupt)
     assert not multiprocessing.active_children()
-
-
-def test_there_is_a_core() -> None:
-    assert 1 <= cores() <= (os.cpu_count() or 1)

@@ -73,7 +73,9 @@ class SolverProcess:
                 reason = f"took {taken / 2**30:.2f} GiB of memory and may take {allowed / 2**30:.2f}"
                 return Answer(failure="memory", reason=reason, begun=begun), peak_bytes
             if now_s - start_s > job.timeout_s + GRACE_S:
-                self.close()  # ENDED comes next
+                # It should have ended by itself; one that waits for a dead disk may not even end now.
+                self.close()
+                return _late(job, begun), peak_bytes
             if now_s - lease_seen_s > LEASE_EVERY_S:
                 lease_seen_s = now_s
                 self._check_lease(job)
@@ -83,8 +85,7 @@ class SolverProcess:
         status = process.wait()
         self.close()
         if late:
-            reason = f"not done in {job.timeout_s:g} s; {LOG_SAYS}"
-            return Answer(failure="timeout", reason=reason, begun=begun), peak_bytes
+            return _late(job, begun), peak_bytes
         return Answer(failure="died", reason=f"its process {_ended(status)}; {LOG_SAYS}", begun=begun), peak_bytes
 
     def close(self) -> None:
@@ -93,7 +94,8 @@ class SolverProcess:
         process, self._process = self._process, None
         if process is not None:
             process.kill()
-            process.wait()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(GRACE_S)
 
     def _started(self, program: str) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None or self._program != program:
@@ -127,6 +129,10 @@ class SolverProcess:
             return self._lines.get(timeout=timeout_s)
         except Empty:
             return None
+
+
+def _late(job: Job, begun: bool) -> Answer:
+    return Answer(failure="timeout", reason=f"not done in {job.timeout_s:g} s; {LOG_SAYS}", begun=begun)
 
 
 def _read(pipe: IO[str], lines: SimpleQueue[str]) -> None:

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 from cyclopts.validators import Number
+from dask.system import CPU_COUNT
 
 from gtlayout.cli import progress_bars, stdout
-from gtlayout.processes import cores
 from gtlayout.synth import synthesize
 from gtlayout.synth.config import SynthConfig
 from gtlayout.synth.data_set import make_data_set
@@ -47,5 +47,5 @@ def synth(
             stdout().print(f"Scene: {out}")
         else:
             progress.stage("rooms")
-            made = make_data_set(out, count, config, given, cores(), progress.progress)
+            made = make_data_set(out, count, config, given, CPU_COUNT, progress.progress)
             stdout().print(f"Rooms: {out} ({made} made, {count - made} were there)")
