@@ -16,7 +16,7 @@ from gtlayout.colors import LABEL_COLORS, instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
-from gtlayout.io.images import read_rgb
+from gtlayout.io.images import encoded, read_rgb
 from gtlayout.layout import Extent, Instance, Layout, Mesh
 from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of
@@ -256,9 +256,8 @@ def _pose(camera: Camera) -> rr.Transform3D:
 
 
 def _jpeg(rgb: ImageArray) -> rr.EncodedImage:
-    ok, data = cv2.imencode(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    assert ok, "OpenCV always encodes uint8 colour images"
-    return rr.EncodedImage(contents=data.tobytes(), media_type="image/jpeg")
+    jpeg = encoded(".jpg", rgb[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return rr.EncodedImage(contents=jpeg, media_type="image/jpeg")
 
 
 def _closed(ring: FloatArray) -> FloatArray:

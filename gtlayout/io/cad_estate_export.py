@@ -7,7 +7,6 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +16,7 @@ from gtlayout.io import SCENE_FILE
 from gtlayout.io.cad_estate import CLIP_NAME, FRAMES_FILE, MASKS_FOLDER
 from gtlayout.io.exports import the_one_size, write_jpeg, write_truth
 from gtlayout.io.files import write_atomic, write_json_atomic
+from gtlayout.io.images import encoded
 from gtlayout.io.room_structure import DOOR_FLAG, FILE_NAME, WINDOW_FLAG, RoomStructure, write_room_structure
 from gtlayout.layout import Instance, Layout, Mesh
 from gtlayout.raster import fill, rings_of
@@ -167,8 +167,7 @@ def _write_masks(folder: Path, stem: str, scene: Scene, k: int, numbering: Numbe
         "processed_visible": visible,
     }
     for kind, mask in masks.items():
-        _, data = cv2.imencode(".png", mask)
-        write_atomic(folder / f"{kind}_{stem}.png", data.tobytes())
+        write_atomic(folder / f"{kind}_{stem}.png", encoded(".png", mask))
 
 
 def _structure(clip_name: str, layout: Layout | None, numbering: Numbering, annotated_us: IntArray) -> RoomStructure:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import path_inside, read_json, write_atomic, write_json_atomic
-from gtlayout.io.images import MM_PER_UNIT, SATURATED, read_depth, read_rgb
+from gtlayout.io.images import MM_PER_UNIT, SATURATED, encoded, read_depth, read_rgb
 from gtlayout.io.registration import DepthMap
 from gtlayout.io.truth import FILE as TRUTH_FILE
 from gtlayout.scene import Frame, Scene
@@ -60,8 +60,7 @@ def write_depth(path: Path, frame: Frame) -> None:
     if frame.undistort is None and frame.register_depth is None and frame.depth_path.suffix.lower() == ".png":
         _copy(frame.depth_path, path)
     else:
-        _, png = cv2.imencode(".png", depth_mm(frame))
-        write_atomic(path, png.tobytes())
+        write_atomic(path, encoded(".png", depth_mm(frame)))
 
 
 def the_one_size(out: Path, scene: Scene) -> tuple[int, int]:
@@ -108,5 +107,4 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def _encoded(frame: Frame, suffix: str, parameters: list[int]) -> bytes:
-    _, data = cv2.imencode(suffix, cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR), parameters)
-    return data.tobytes()
+    return encoded(suffix, cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR), parameters)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,13 @@ def read_rgb(frame: Frame) -> ImageArray:
     """(H, W, 3) uint8 RGB, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
     bgr = _to_camera(_stored(frame, cv2.IMREAD_COLOR), frame, _source(frame), None)
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+def encoded(suffix: str, image: npt.NDArray[Any], parameters: Sequence[int] = ()) -> bytes:
+    """An image file, as OpenCV's ``imencode`` makes it: (H, W) grey, (H, W, 3) BGR or (H, W, 4) BGRA."""
+    ok, data = cv2.imencode(suffix, image, list(parameters))
+    assert ok, "OpenCV always encodes uint8 and uint16 images"
+    return data.tobytes()
 
 
 def read_gray(frame: Frame) -> ImageArray:

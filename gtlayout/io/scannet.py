@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.files import write_all_atomic, write_atomic
-from gtlayout.io.images import size_of_first
+from gtlayout.io.images import encoded, size_of_first
 from gtlayout.io.lenses import lens
 from gtlayout.io.poses import cam_from_world, nearest_rotation
 from gtlayout.io.registration import Pinhole, Registration
@@ -98,8 +97,7 @@ def write_scannet(scene: Scene, out: Path, depth_camera: Pinhole | None = None) 
         if depth_camera is None:
             write_depth(depth, frame)
         elif frame.depth_path is not None:
-            _, png = cv2.imencode(".png", Registration(pinhole, depth_camera)(depth_mm(frame)))
-            write_atomic(depth, png.tobytes())
+            write_atomic(depth, encoded(".png", Registration(pinhole, depth_camera)(depth_mm(frame))))
         world_from_cam = _four_by_four(frame.camera.R_cam_from_world.T)
         world_from_cam[:3, 3] = frame.camera.center_world
         texts[out / "pose" / f"{i}.txt"] = _text(world_from_cam)

@@ -16,7 +16,7 @@ from shapely import MultiPolygon
 
 from gtlayout.colors import instance_colors
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.images import read_rgb
+from gtlayout.io.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
 from gtlayout.raster import LabelImage, annotated_labels, rings_of
@@ -136,10 +136,3 @@ def _jpeg(rgb: ImageArray, size: tuple[int, int]) -> str:
 def _png(rgba: npt.NDArray[np.uint8]) -> str:
     png = encoded(".png", cv2.cvtColor(rgba, cv2.COLOR_RGBA2BGRA), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return data_uri("image/png", png)
-
-
-def encoded(suffix: str, image: npt.NDArray[Any], options: Sequence[int]) -> bytes:
-    """An image file of (H, W, 3) BGR or (H, W, 4) BGRA uint8."""
-    ok, data = cv2.imencode(suffix, image, options)
-    assert ok, "OpenCV always encodes uint8 images"
-    return data.tobytes()

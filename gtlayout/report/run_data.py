@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import Counter
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from gtlayout.batch.run_folder import Run
 from gtlayout.config import QualityConfig
 from gtlayout.io.files import printable
 from gtlayout.report.histogram import histogram
+from gtlayout.report.plain import finite
 from gtlayout.results import REPORT_FILE
 
 FAILURES: dict[Failure, str] = {
@@ -53,7 +53,7 @@ def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
         "seconds": sum(seconds),
         "scenes_per_hour": 3600 * len(seconds) / sum(seconds) if sum(seconds) > 0 else None,
         "peak_memory_mib": max(memory, default=None),
-        "last": max((str(record.finished) for record in records), default=""),
+        "last": max((record.finished for record in records), default=""),
         "failures": _failures(records),
         "crossed": {
             said: {
@@ -90,7 +90,7 @@ def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
         "unit": "m" if record.metric else "u",
         "weak": None if weak is None else weak + (unobservable or 0),
         "elements": number(record.elements),
-        "redraw": printable(str(record.worst_element or "")),
+        "redraw": printable(record.worst_element or ""),
         "redraw_iou": _short(record.worst_element_iou),
         "reason": reason(record),
         "seconds": _short(record.seconds),
@@ -109,16 +109,15 @@ def group(record: Record) -> str:
 
 def reason(record: Record) -> str:
     """Why, without the scene's own folder in front of its files."""
-    said = str(record.reason)
+    said = record.reason
     if record.source:
-        said = said.replace(f"{record.source}{os.sep}", "").replace(str(record.source), "the scene's folder")
+        said = said.replace(f"{record.source}{os.sep}", "").replace(record.source, "the scene's folder")
     return printable(said)
 
 
-def number(value: object) -> float | None:
-    """A number of a record; None for whatever is none."""
-    fine = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return value if fine else None  # type: ignore[return-value]
+def number(value: float | None) -> float | None:
+    """A number of a record; None where it is not known, or not finite."""
+    return None if value is None else finite(value)
 
 
 def link(path: Path, page_dir: Path) -> str:
@@ -130,8 +129,8 @@ def link(path: Path, page_dir: Path) -> str:
 def accept_iou(run: Run) -> float:
     """From which IoU on this run accepted a scene."""
     quality = run.config.get("quality")
-    found = number(quality.get("accept_iou")) if isinstance(quality, dict) else None
-    return QualityConfig().accept_iou if found is None else found
+    found = quality.get("accept_iou") if isinstance(quality, dict) else None
+    return found if isinstance(found, float) else QualityConfig().accept_iou
 
 
 def median(values: Sequence[float]) -> float | None:
@@ -156,11 +155,11 @@ def _why_back(record: Record) -> str:
     if record.status == "failed":
         return reason(record)
     iou, worst = number(record.iou), number(record.worst_element_iou)
-    first = f"; redraw first {printable(str(record.worst_element))}" if record.worst_element else ""
+    first = f"; redraw first {printable(record.worst_element)}" if record.worst_element else ""
     return f"IoU {_said(iou)}{first}" + (f" ({_said(worst)})" if first and worst is not None else "")
 
 
-def _short(value: object) -> float | None:
+def _short(value: float | None) -> float | None:
     known = number(value)
     return None if known is None else float(f"{known:.6g}")
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import pairwise
 
-import cv2
 import numpy as np
 
 from gtlayout.scene import Camera, FloatArray, ImageArray
@@ -72,12 +71,6 @@ def developed(light: Texture, gain: float, noise_sigma: float, rng: np.random.Ge
     """The image file's pixels: exposed, with noise of σ grey levels, clipped."""
     noisy = (light * np.float32(gain) + rng.normal(0, noise_sigma, light.shape)).astype(np.float32)
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
-
-
-def encoded(extension: str, image: np.ndarray, parameters: Sequence[int] = ()) -> bytes:
-    """An image file."""
-    _, data = cv2.imencode(extension, image, list(parameters))
-    return data.tobytes()
 
 
 def _moved_px(start: Camera, end: Camera) -> float:

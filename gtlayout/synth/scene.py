@@ -13,6 +13,7 @@ import numpy as np
 from gtlayout.io import SCENE_FILE, load_scene
 from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.files import new_folder, write_atomic, write_json_atomic
+from gtlayout.io.images import encoded
 from gtlayout.io.native import write_annotations
 from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.nerfstudio import write_transforms
@@ -24,7 +25,7 @@ from gtlayout.synth.annotate import annotate
 from gtlayout.synth.config import HFOV_DEG, SynthConfig
 from gtlayout.synth.errors import disturb, disturb_cameras
 from gtlayout.synth.extents import seen_extents
-from gtlayout.synth.images import cameras_along, developed, encoded, exposures, gains, picture
+from gtlayout.synth.images import cameras_along, developed, exposures, gains, picture
 from gtlayout.synth.motion import CameraPath
 from gtlayout.synth.paths import dolly_path, orbit_path, replay_path, rotation_path
 from gtlayout.synth.render import cast
