@@ -80,7 +80,7 @@ def _adjusted(
     scene: Scene, tracks: Tracks, rays: Rays, used: IntArray, freedom: float, config: CameraRefinementConfig
 ) -> Scene:
     """The scene with the cameras that explain the ``used`` tracks best; ``freedom``: factor on σ of the given poses."""
-    local = Normalisation.of(rays, scene.metric)
+    local = Normalisation.of(rays)
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     observed = np.isin(tracks.track, used) & spread_observations(tracks, config.max_observations)
     graph, values = _graph(cameras, tracks, local.rays(rays), observed, freedom, config)

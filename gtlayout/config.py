@@ -54,15 +54,15 @@ class TriangulationConfig:
 
     cauchy: float = 2.0
     """Robust scale, in σ of an observation."""
-    depth_range_m: tuple[float, float] = (0.15, 30.0)
-    """Nearest and farthest depth in a metric scene."""
-    depth_range_in_paths: tuple[float, float] = (0.02, 1000.0)
-    """The same without a unit, in lengths of the camera's path."""
+    depth_range_paths: tuple[float, float] = (0.002, 1000.0)
+    """Nearest and farthest depth that is looked at, in lengths of the camera's path."""
+    depth_range_medians: tuple[float, float] = (0.06, 12.0)
+    """Nearest and farthest depth that a track keeps, in median depths of all tracks."""
 
 
 @dataclass(frozen=True)
 class CameraRefinementConfig:
-    """Bundle adjustment between stages 1 and 2. Lengths are metres, or 1/2.5 of the median depth when not metric."""
+    """Bundle adjustment between stages 1 and 2. The unit of length is 1/2.5 of the median depth, as in stage 4."""
 
     sigma_rotation_deg: float = 0.05
     """How far the given rotations are trusted, about each axis."""
@@ -184,14 +184,14 @@ class UncertaintyConfig:
 
 @dataclass(frozen=True)
 class EstimationConfig:
-    """Stage 4: noise model. Lengths are metres, or 1/2.5 of the median depth when the scene is not metric."""
+    """Stage 4: noise model. The unit of length is 1/2.5 of the median depth: about a metre in a room."""
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     starts: int = 4
     """Searches for starting planes of which the cheapest is kept."""
     depth_range: tuple[float, float] = (0.15, 30.0)
-    """Depths at which an element may be seen."""
+    """Depths at which an element may be seen: as far from the median as tracks may be."""
     relative_depth_sigma: float = 0.02
     """Camera and tracking errors that all points of an element share, as a share of depth."""
     observation_cauchy: float = 1.0

@@ -46,12 +46,22 @@ def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfi
     """The worst pair, then the worst without it … until all fit."""
     dropped: frozenset[Pair] = frozenset()
     while True:
-        planes, _ = polish(_without(evidence, dropped), planes, config)
-        fit = _misfits_px(_without(evidence, dropped), planes)
+        planes = polish(_without(evidence, dropped), planes, config)
+        kept = _without(evidence, dropped)
+        fit = {pair: misfit for pair, misfit in _misfits_px(kept, planes).items() if not _all_there_is(kept, pair)}
         worst = max(fit, key=lambda pair: fit[pair], default=None)
         if worst is None or fit[worst] <= config.max_contact_px:
             return dropped
         dropped |= {worst}
+
+
+def _all_there_is(evidence: Evidence, pair: Pair) -> bool:
+    """Whether one of a pair has nothing but this contact: then nothing contradicts it."""
+    return any(
+        np.count_nonzero(evidence.touching[s]) == 1
+        and not (evidence.track_weight[evidence.track_surface == s] > 0).any()
+        for s in pair
+    )
 
 
 def _without(evidence: Evidence, dropped: frozenset[Pair]) -> Evidence:
@@ -64,13 +74,14 @@ def _pair(group: EdgeGroup) -> Pair:
 
 
 def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
-    """Of each pair whose planes are known the root mean square distance of its edge from their line: the median over
-    the key frames.
+    """Of each pair whose planes are known the root mean square distance of its edge from their line, as of an image of
+    640x480: the median over the key frames.
     """
     found: dict[Pair, list[float]] = {}
     for group in evidence.edges:
         a, b = group.surfaces
         if np.isfinite(planes[[a, b], 0]).all():
-            distance_px = np.minimum(np.abs(group.distances_px(planes[[a]], planes[b])), _NONSENSE_PX)
+            distance_px = np.abs(group.distances_px(planes[[a]], planes[b])) / group.camera.hand_px
+            distance_px = np.minimum(distance_px, _NONSENSE_PX)
             found.setdefault(_pair(group), []).append(float(np.sqrt(np.mean(distance_px**2))))
     return {pair: float(np.median(distances)) for pair, distances in found.items()}

@@ -34,7 +34,7 @@ def room_dimensions(
     end from the other plane, divided by the cosine of half their angle.
 
     Args:
-        covariance: (4S, 4S) joint covariance of all planes' (normal, d) in the world.
+        covariance: (4S, 4S) joint covariance of all planes in the world, about their anchor.
     """
     found = []
     for i, j in combinations(range(len(instances)), 2):
@@ -73,14 +73,15 @@ def _middle_of_overlap(first: Extent, second: Extent, across: FloatArray) -> Flo
 
 
 def _hit(plane: Plane, point: FloatArray, across: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Where a line ``point + t across`` hits a plane: (3,) the hit, and (4,) dt / d(normal, d) = −(hit, 1) / n·across.
+    """Where a line ``point + t across`` hits a plane: (3,) the hit, and (4,) dt / d(normal, normal · anchor + d) =
+    −(hit − anchor, 1) / n·across.
 
     ``across`` counts as fixed. The length between two planes does not depend on it to first order: between planes that
     it bisects it is the shortest way through its own middle.
     """
     facing = float(plane.normal @ across)
     hit = point - (plane.normal @ point + plane.d) / facing * across
-    return hit, -np.append(hit, 1.0) / facing
+    return hit, -np.append(hit - plane.anchor, 1.0) / facing
 
 
 def _sigma(covariance: FloatArray, surfaces: tuple[int, int], gradients: tuple[FloatArray, FloatArray]) -> float:

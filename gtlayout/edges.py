@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from itertools import combinations
 
 import numpy as np
@@ -41,11 +41,12 @@ def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfi
             element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k
         }
         camera = scene.frame_of(k).camera
-        excluded = _no_contact(key_frame, camera, config)
+        own = EdgeConfig(*(value * camera.hand_px for value in astuple(config)))
+        excluded = _no_contact(key_frame, camera, own)
         for a, b in combinations(sorted(members), 2):
-            points_px = _shared_boundary(key_frame.elements[a], key_frame.elements[b], excluded, config)
-            points_px = _on_one_line(points_px, config.straightness_px)
-            if len(points_px) >= config.min_length_px / config.step_px:
+            points_px = _shared_boundary(key_frame.elements[a], key_frame.elements[b], excluded, own)
+            points_px = _on_one_line(points_px, own.straightness_px)
+            if len(points_px) >= own.min_length_px / own.step_px:
                 edges.append(ContactEdge(k, (members[a], members[b]), points_px))
     return tuple(edges)
 

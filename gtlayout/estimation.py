@@ -79,7 +79,7 @@ def estimate(
         raise GtlayoutError(f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}")
     if np.mean(rays.parallax_sigmas > MOVED_SIGMAS) < config.min_moved_share:
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
-    local = Normalisation.of(rays, scene.metric)
+    local = Normalisation.of(rays)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
     evidence, start = start_without_wrong_contacts(evidence, config, seed)
     if not np.isfinite(start).any():

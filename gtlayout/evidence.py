@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,24 +21,21 @@ _VIEW_POINTS = 12
 _MIN_DIHEDRAL = 0.2
 """Planes at less than this angle (radians) make no edge that an annotator would draw."""
 TYPICAL_DEPTH = 2.5
-"""Median depth to which a scene without a unit is scaled, so that the noise model's metres mean something."""
+"""Median depth to which every scene is scaled, so that the noise model's metres mean the same with and without a
+unit."""
 
 
 @dataclass(frozen=True)
 class Normalisation:
-    """``X_local = scale (X_world - origin)``: keeps a plane's n and d uncoupled, and gives unitless scenes a room's
-    size.
-    """
+    """``X_local = scale (X_world - origin)``: keeps a plane's n and d uncoupled, gives every scene a room's size."""
 
     origin: FloatArray
     scale: float
 
     @classmethod
-    def of(cls, rays: Rays, metric: bool) -> Normalisation:
-        """Origin amid the points; scale 1 when the scene is metric."""
-        return cls(
-            np.median(rays.points_world(), axis=0), 1.0 if metric else TYPICAL_DEPTH * float(np.median(rays.rho))
-        )
+    def of(cls, rays: Rays) -> Normalisation:
+        """Origin amid the points, and their median depth as unit."""
+        return cls(np.median(rays.points_world(), axis=0), TYPICAL_DEPTH * float(np.median(rays.rho)))
 
     def camera(self, camera: Camera) -> Camera:
         """The same camera in the local world."""
@@ -96,6 +94,10 @@ class EdgeGroup:
         homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
         return np.where(coplanar[:, None], np.inf, (lines @ homogeneous.T) / length[:, None])
 
+    def ends_off_px(self, plane: FloatArray, neighbour: FloatArray) -> FloatArray:
+        """(2,) the same of the edge's two representatives, for one pair of planes."""
+        return replace(self, points_px=self.representatives_px()).distances_px(plane[None], neighbour)[0]
+
     def ends_on(self, plane: FloatArray) -> FloatArray:
         """(2, 3) points of the edge's two ends on one of its planes."""
         rays = self.camera.rays_world(self.points_px[[0, -1]])
@@ -151,6 +153,15 @@ class Evidence:
     host: IntArray
     """(S,) for doors and windows the surface they lie in; -1 for all others."""
 
+    @cached_property
+    def touching(self) -> BoolArray:
+        """(S, S) whether two surfaces have a contact edge in any key frame."""
+        pairs = np.zeros_like(self.perpendicular)
+        for group in self.edges:
+            a, b = group.surfaces
+            pairs[a, b] = pairs[b, a] = True
+        return pairs
+
     def on_planes(self, index: IntArray, planes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n, 3) points where the tracks' rays meet planes, (4,) for all or (n, 4) one each, and (n,) depths there."""
         center, ray = self.rays.center[index], self.rays.ray[index]
@@ -158,6 +169,16 @@ class Evidence:
         clearance = np.sum(planes[..., :3] * center, axis=1) + planes[..., 3]
         depth = -clearance / np.where(facing == 0, 1e-12, facing)
         return center + depth[:, None] * ray, depth
+
+    def tracks_of(self, surface: int, max_weight: float) -> tuple[IntArray, float]:
+        """(n,) the tracks of a surface, and the mean of their weights, 0 without tracks: together no more than
+        ``max_weight`` for each key frame.
+        """
+        index = np.nonzero(self.track_surface == surface)[0]
+        if len(index) == 0:
+            return index, 0.0
+        total = float(self.track_weight[index].sum())
+        return index, min(total, max_weight * len(np.unique(self.track_key_frame[index]))) / len(index)
 
     def track_residuals(self, index: IntArray, planes: FloatArray) -> FloatArray:
         """(H, n) deviation of the tracks' inverse depths from those of (H, 4) planes, in σ."""
@@ -269,7 +290,7 @@ def _edge_groups(
         EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
         for edge in edges
         if root[edge.instances[0]] != root[edge.instances[1]]
-        and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= min_length_px
+        and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= min_length_px * key_cameras[edge.key_frame].hand_px
     )
 
 

@@ -59,7 +59,7 @@ def solve(
         )
         robust, weight = _track_weights(evidence, planes, kernels)
         used = weight > _NEGLIGIBLE
-        values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0])
+        values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0], config)
         seen = observed & used[tracks.track]
         graph = _track_factors(cameras, tracks, evidence, values, surfaces, seen, weight, config)
         graph.push_back(structure_factors(evidence, start, kernels))
@@ -153,7 +153,12 @@ def _pinhole(camera: Camera) -> gtsam.PinholeCameraCal3_S2:
 
 
 def _values(
-    evidence: Evidence, planes: FloatArray, landmarks: FloatArray, surfaces: IntArray, used: IntArray
+    evidence: Evidence,
+    planes: FloatArray,
+    landmarks: FloatArray,
+    surfaces: IntArray,
+    used: IntArray,
+    config: EstimationConfig,
 ) -> gtsam.Values:
     """Planes as given; landmarks where they were, or else where their ray meets their plane."""
     values = gtsam.Values()
@@ -161,9 +166,9 @@ def _values(
         values.insert(P(int(s)), gtsam.OrientedPlane3(planes[s]))
     rays = evidence.rays
     on_plane, depth = evidence.on_planes(used, planes[evidence.track_surface[used]])
-    # A ray that misses its plane starts where it was triangulated.
-    meets = (depth > 0.1 / rays.rho[used]) & (depth < 10 / rays.rho[used])
-    on_plane = np.where(meets[:, None], on_plane, rays.points_world()[used])
+    meets = (depth > config.depth_range[0]) & (depth < config.depth_range[1])
+    off_plane = rays.center[used] + np.clip(1 / rays.rho[used], *config.depth_range)[:, None] * rays.ray[used]
+    on_plane = np.where(meets[:, None], on_plane, off_plane)
     for n, point in zip(used.tolist(), np.where(np.isfinite(landmarks[used]), landmarks[used], on_plane), strict=True):
         values.insertPoint3(L(n), point)
     return values

@@ -14,7 +14,7 @@ import numpy as np
 
 from gtlayout.config import InitializationConfig
 from gtlayout.evidence import Evidence, Views
-from gtlayout.scene import FloatArray, IntArray
+from gtlayout.scene import BoolArray, FloatArray, IntArray
 
 
 def initial_planes(
@@ -95,7 +95,7 @@ class _Search:
         for group in evidence.edges:
             if surface in group.surfaces and np.isfinite(planes[group.other(surface), 0]):
                 worst = np.abs(group.distances_px(hypotheses, planes[group.other(surface)])).max(axis=1)
-                price = np.minimum((worst / config.edge_cutoff_px) ** 2, 1.0)
+                price = np.minimum((worst / (config.edge_cutoff_px * group.camera.hand_px)) ** 2, 1.0)
                 if len(index) == 0:
                     # In a neighbour's own plane the edge with it says nothing, and tracks that could are missing.
                     price = np.where(np.isfinite(worst), price, np.inf)
@@ -106,13 +106,12 @@ class _Search:
         total: FloatArray = cost + config.perpendicularity_weight * price
         if evidence.wall[surface]:
             # Walls tend to stand at right angles or parallel: a hint for those that little else is known of.
-            others = planes[evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != surface), :3]
-            cosine = np.abs(hypotheses[:, :3] @ others.T)
-            sine = np.minimum(cosine, np.sqrt(np.maximum(1 - cosine**2, 0.0)))
+            others = evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != surface)
+            sine = sine_of_oddness(hypotheses[:, :3] @ planes[others, :3].T, evidence.touching[surface, others])
             total += (
                 config.manhattan_weight
                 * np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
-                / max(len(others), 1)
+                / max(np.count_nonzero(others), 1)
             )
         return total
 
@@ -155,6 +154,17 @@ class _Search:
 
     def _draw(self, weight: FloatArray, shape: tuple[int, ...]) -> IntArray:
         return self.rng.choice(len(weight), size=shape, p=weight / weight.sum())
+
+
+def sine_of_oddness(cosine: FloatArray, touching: BoolArray) -> FloatArray:
+    """Sine of how far two walls are from a right angle, or from parallel, which those that touch cannot be.
+
+    Args:
+        cosine: (...) of the angle between their normals.
+        touching: (...) whether they have a contact edge.
+    """
+    from_parallel = np.where(touching, 1.0, np.sqrt(np.maximum(1 - cosine**2, 0.0)))
+    return np.minimum(np.abs(cosine), from_parallel)
 
 
 def face_cameras(planes: FloatArray, views: Views) -> FloatArray:

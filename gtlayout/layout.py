@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -63,7 +63,8 @@ class Plane:
     """(3,) unit normal."""
     d: float
     covariance: FloatArray
-    """(4, 4) covariance of (normal, d) in the world frame; rank 3."""
+    """(4, 4) covariance of (normal, normal · anchor + d) in the world frame; rank 3. With the usual anchor that is
+    (normal, d)."""
     observable: bool
     """False when nothing but priors determines the plane: its numbers then mean nothing."""
     note: str = ""
@@ -73,6 +74,9 @@ class Plane:
     sigma_depth_m: float = np.nan
     """σ of its depth at the centroid of its largest drawing, metres; NaN where nothing is known, and in scenes that are
     not metric (``sigma_depth`` then has it in the world's unit)."""
+    anchor: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) world point that the covariance is told about: the world's origin, unless that is so far from the cameras
+    that d would lose the digits that σ is made of."""
 
     @property
     def sigma_normal_deg(self) -> float:
@@ -83,7 +87,7 @@ class Plane:
 
     def sigma_offset(self, points_world: FloatArray) -> FloatArray:
         """(...) σ of the plane's position along its normal at points (..., 3) on it, world unit."""
-        gradient = np.concatenate([points_world, np.ones((*points_world.shape[:-1], 1))], axis=-1)
+        gradient = np.concatenate([points_world - self.anchor, np.ones((*points_world.shape[:-1], 1))], axis=-1)
         variance = np.einsum("...a,ab,...b->...", gradient, self.covariance, gradient)
         # Rounding can make the variance of what is known exactly negative.
         return np.sqrt(np.maximum(variance, 0.0))

@@ -16,6 +16,7 @@ import trimesh
 from threadpoolctl import threadpool_limits
 
 from gtlayout.camera_refinement import CameraReport, refine_cameras
+from gtlayout.canonical import canonical
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
 from gtlayout.dimensions import room_dimensions
@@ -113,25 +114,28 @@ def solve(
         return _solve(scene, config, observer or Observer(), restarts)
 
 
-def _solve(scene: Scene, config: Config, observer: Observer, restarts: range) -> Solution:
+def _solve(given: Scene, config: Config, observer: Observer, restarts: range) -> Solution:
     stage = _Stages(observer)
-    observer.scene(scene)
+    observer.scene(given)
+    form = canonical(given)
+    scene, warnings = form.scene, list(given.warnings)
 
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, observer.progress)
         rays = triangulate(scene, tracks, config.triangulation)
     if tracks.unreadable:
-        skipped = f"{len(tracks.unreadable)} unreadable image(s) skipped: {', '.join(tracks.unreadable)}"
-        scene = replace(scene, warnings=(*scene.warnings, skipped))
-    observer.tracks(tracks)
+        warnings.append(f"{len(tracks.unreadable)} unreadable image(s) skipped: {', '.join(tracks.unreadable)}")
+    observer.tracks(form.tracks(tracks))
 
     cameras = None
     if config.refine_cameras:
         with stage("cameras"):
             scene, cameras = refine_cameras(scene, tracks, rays, config)
+        cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
         if cameras.refined:
             rays = triangulate(scene, tracks, config.triangulation)
-            observer.cameras(scene)
+            given = form.cameras(scene)
+            observer.cameras(given)
 
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
@@ -149,23 +153,27 @@ def _solve(scene: Scene, config: Config, observer: Observer, restarts: range) ->
         if change is None:
             break
         instances, track_instance = change.instances, change.track_instance
-        scene = replace(scene, warnings=(*scene.warnings, *change.said))
-    observer.instances(instances, track_instance)
+        warnings += change.said
+    warnings += form.said
+    given = replace(given, warnings=tuple(warnings))
+    own_instances, own_tracks = form.instances(instances), form.tracks(tracks)
+    observer.instances(own_instances, track_instance)
     observer.edges(edges)
 
     def run(restart: int) -> Solution:
         chosen = restart_tracks(track_instance, config, restart)
         estimated = planes_of(chosen, restart) if restart else solved
+        estimated = form.estimate(estimated)
         with stage("extents"):
-            extents = compute_extents(scene, instances, estimated.planes, edges, config.extent)
+            extents = compute_extents(given, own_instances, estimated.planes, edges, config.extent)
         with stage("mesh"):
-            mesh = build_mesh(instances, extents)
+            mesh = build_mesh(own_instances, extents)
         with stage("quality"):
-            quality = assess(scene, instances, estimated.planes, extents, config.quality)
-        dimensions = room_dimensions(instances, estimated.planes, extents, estimated.covariance)
-        planes = with_sigma_depth(estimated.planes, quality, scene.metric)
-        layout = Layout(instances, planes, extents, mesh, scene.metric, dimensions)
-        return Solution(scene, layout, quality, tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
+            quality = assess(given, own_instances, estimated.planes, extents, config.quality)
+        dimensions = room_dimensions(own_instances, estimated.planes, extents, estimated.covariance)
+        planes = with_sigma_depth(estimated.planes, quality, given.metric)
+        layout = Layout(own_instances, planes, extents, mesh, given.metric, dimensions)
+        return Solution(given, layout, quality, own_tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
 
     best = _best(run, restarts)
     _show(best, observer)

@@ -47,6 +47,13 @@ class Camera:
         """(3,) camera centre in the world."""
         return -self.R_cam_from_world.T @ self.t_cam_from_world
 
+    @property
+    def hand_px(self) -> float:
+        """Pixels that a hand is off by where it is off by one in an image of 640x480: larger images are drawn on as large
+        a screen. At least 1, for smaller ones are zoomed into.
+        """
+        return max(1.0, float(np.hypot(self.width, self.height)) / 800.0)
+
     def project(self, points_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Project (N, 3) world points. Returns (N, 2) pixels and (N,) depths (z in the camera)."""
         points_cam = points_world @ self.R_cam_from_world.T + self.t_cam_from_world

@@ -16,6 +16,7 @@ from gtlayout.config import EstimationConfig
 from gtlayout.evidence import Evidence
 from gtlayout.factors import depth_factor
 from gtlayout.initialization import initial_planes
+from gtlayout.objective import cost_of
 from gtlayout.scene import FloatArray
 from gtlayout.structure import plane_priors, structure_factors
 
@@ -28,13 +29,14 @@ def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> Float
         if number % 2:
             # Mirror images outvote edges when there are many of them: half of the searches trust tracks less.
             search = replace(search, max_track_weight=search.max_track_weight / 4)
-        planes, cost = polish(evidence, initial_planes(evidence, config.depth_range, search, seed + number), config)
-        ranked.append((int(np.count_nonzero(np.isnan(planes[:, 0]))), cost, number, planes))
+        planes = polish(evidence, initial_planes(evidence, config.depth_range, search, seed + number), config)
+        unplaced = int(np.count_nonzero(np.isnan(planes[:, 0])))
+        ranked.append((unplaced, cost_of(evidence, planes, config).total, number, planes))
     return min(ranked, key=lambda candidate: candidate[:3])[3]
 
 
-def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> tuple[FloatArray, float]:
-    """Optimise all planes on tracks reduced to inverse depths, and what that costs."""
+def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> FloatArray:
+    """(S, 4) all planes, optimised on tracks reduced to inverse depths."""
     surfaces = np.nonzero(np.isfinite(start[:, 0]))[0].tolist()
     graph = structure_factors(evidence, start, config)
     for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
@@ -42,11 +44,8 @@ def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> t
     values = gtsam.Values()
     for s in surfaces:
         values.insert(P(s), gtsam.OrientedPlane3(start[s]))
-        index = np.nonzero(evidence.track_surface == s)[0]
-        weight = float(evidence.track_weight[index].mean()) if len(index) else 0.0
+        index, weight = evidence.tracks_of(s, config.max_track_weight)
         if weight > 0:
-            limit = config.max_track_weight * len(np.unique(evidence.track_key_frame[index]))
-            weight *= min(1.0, limit / (weight * len(index)))
             scalar = gtsam.noiseModel.mEstimator.Base.ReweightScheme.Scalar
             noise = gtsam.noiseModel.Robust.Create(
                 gtsam.noiseModel.mEstimator.Cauchy.Create(config.track_cauchy * np.sqrt(weight), scalar),
@@ -59,9 +58,6 @@ def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> t
     params.setRelativeErrorTol(config.relative_decrease)
     values = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     planes = np.full_like(start, np.nan)
-    absurd = 0.0
     for s in surfaces:
         planes[s] = values.atOrientedPlane3(P(s)).planeCoefficients()
-        depth = evidence.views[s].depths(planes[s][None])
-        absurd += float(np.mean((depth < config.depth_range[0]) | (depth > config.depth_range[1])))
-    return planes, graph.error(values) + config.initialization.absurd_weight * absurd
+    return planes

@@ -23,11 +23,11 @@ def structure_factors(evidence: Evidence, planes: FloatArray, config: Estimation
 def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
     """One for each annotated contact edge."""
     sigmas_px = np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])
-    noise = _cauchy(sigmas_px, config.edge_cauchy)
     factors: list[gtsam.NonlinearFactor] = []
     for group in evidence.edges:
         if np.isfinite(planes[list(group.surfaces), 0]).all():
             camera = group.camera
+            noise = _cauchy(camera.hand_px * sigmas_px, config.edge_cauchy)
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
             keys = P(group.surfaces[0]), P(group.surfaces[1])
             factors.append(edge_factor(keys, group.representatives_px(), projection, noise))
@@ -36,18 +36,27 @@ def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfi
 
 def joint_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
     """Doors and windows in their walls, and right angles."""
-    in_wall = _cauchy(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess]), config.coplanarity_cauchy)
-    factors: list[gtsam.NonlinearFactor] = []
-    for a in np.nonzero((evidence.host >= 0) & np.isfinite(planes[:, 0]))[0].tolist():
-        host = int(evidence.host[a])
-        points, _ = evidence.views[a].seen_on(planes[host])
-        if len(points):
-            factors.append(coplanarity_factor((P(a), P(host)), np.median(points, axis=0), in_wall))
+    factors = [factor for _, factor in opening_factors(evidence, planes, config)]
     sigma = np.array([config.sigma_perpendicularity])
     upright, between_walls = _cauchy(sigma, np.inf), _cauchy(sigma, config.right_angle_cauchy)
     for a, b in _right_angles(evidence, planes, config).tolist():
         both_walls = evidence.wall[a] and evidence.wall[b]
         factors.append(perpendicularity_factor((P(a), P(b)), between_walls if both_walls else upright))
+    return factors
+
+
+def opening_factors(
+    evidence: Evidence, planes: FloatArray, config: EstimationConfig
+) -> list[tuple[tuple[int, int], gtsam.NonlinearFactor]]:
+    """A factor for each door or window and its host, with the indices of the two."""
+    in_wall = _cauchy(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess]), config.coplanarity_cauchy)
+    factors = []
+    for a in np.nonzero((evidence.host >= 0) & np.isfinite(planes[:, 0]))[0].tolist():
+        host = int(evidence.host[a])
+        points, _ = evidence.views[a].seen_on(planes[host])
+        if len(points):
+            factor = coplanarity_factor((P(a), P(host)), np.median(points, axis=0), in_wall)
+            factors.append(((a, host), factor))
     return factors
 
 

@@ -10,6 +10,9 @@ from gtlayout.config import TriangulationConfig
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 
+_GRID = 50
+"""Inverse depths tried on every track: each 1.3 times the one before, by default."""
+
 
 @dataclass(frozen=True)
 class Rays:
@@ -40,7 +43,8 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Ra
     The key frame's own point defines the ray. A grid over inverse depth finds the right basin (a slide or a repeated
     pattern makes several), Gauss-Newton on the re-weighted residuals polishes it.
     """
-    depth_range = _depth_range(scene, config)
+    path = camera_path(scene) or 1.0
+    depth_range = config.depth_range_paths[0] * path, config.depth_range_paths[1] * path
     key_camera_of = [scene.frame_of(k).camera for k in range(len(scene.key_frames))]
     first = np.searchsorted(tracks.track, np.arange(len(tracks)))
     at_key = np.array([key_frame.frame for key_frame in scene.key_frames])[tracks.key_frame]
@@ -67,11 +71,13 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Ra
     gain = _cost(tracks, far, slope, np.zeros(len(rho)), scale_px, first) - _cost(
         tracks, far, slope, rho, scale_px, first
     )
+    # Where there is no parallax a depth is only known not to be small: how far away it ends must not matter.
+    least, most = np.median(rho) / np.flip(config.depth_range_medians) if len(rho) else (0.0, np.inf)
     return Rays(
         center=center,
         ray=ray,
         key_px=key_px,
-        rho=rho,
+        rho=np.clip(rho, least, most),
         sigma_rho=tracks.sigma_px / np.sqrt(np.maximum(curvature, 1e-12)),
         # Near zero the loss is r² / scale², so this is the root of a difference of χ².
         parallax_sigmas=config.cauchy * np.sqrt(np.maximum(gain, 0.0)),
@@ -100,14 +106,6 @@ def reprojection_px(scene: Scene, tracks: Tracks, rays: Rays) -> FloatArray:
     far, slope = _projection(scene, tracks, rays.center, rays.ray)
     residual, _ = _reprojection(tracks, far, slope, rays.rho[tracks.track])
     return residual
-
-
-def _depth_range(scene: Scene, config: TriangulationConfig) -> tuple[float, float]:
-    """Depths that points may have: metres where the scene has a unit, else multiples of the camera's path."""
-    if scene.metric:
-        return config.depth_range_m
-    path = camera_path(scene) or 1.0
-    return config.depth_range_in_paths[0] * path, config.depth_range_in_paths[1] * path
 
 
 def _projection(scene: Scene, tracks: Tracks, center: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -149,7 +147,7 @@ def _best_on_grid(
 ) -> FloatArray:
     best_cost = np.full(len(tracks), np.inf)
     best = np.full(len(tracks), 1.0 / depth_range[1])
-    for candidate in np.geomspace(1.0 / depth_range[1], 1.0 / depth_range[0], 40):
+    for candidate in np.geomspace(1.0 / depth_range[1], 1.0 / depth_range[0], _GRID):
         cost = _cost(tracks, far, slope, np.full(len(tracks), candidate), scale_px, first)
         better = cost < best_cost
         best_cost[better], best[better] = cost[better], candidate

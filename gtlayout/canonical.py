@@ -1,0 +1,241 @@
+"""Before stage 1 and after stage 4: one form for all scenes that say the same.
+
+Where the world's origin lies, how its axes point, what its unit is, in which order elements are listed and at which
+vertex a polygon begins says nothing about a room, so it must not change a result. Stages 1 to 4 work on the canonical
+form of a scene: origin amid the cameras, axes of the first annotated camera, the camera's path as unit, elements and
+vertices in an order of their own, no frame that only repeats the camera of its neighbour. What they find is
+handed back in the caller's world and by the caller's numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+
+from gtlayout.estimation import Estimate, Iteration
+from gtlayout.layout import Instance
+from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
+from gtlayout.tracking import Tracks
+from gtlayout.triangulation import camera_path
+
+_SAME = 1e-9
+"""Two cameras are the same up to this: radians, and shares of the camera's path."""
+_DECIMALS = 3
+"""Of the pixels by which elements are sorted: last digits, which differ between machines, do not decide."""
+_FAR = 1e3
+"""From a world's origin that is so many camera paths away covariances are told about the cameras instead: (normal, d)
+there would lose the digits that σ is made of."""
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """``X_canonical = scale R (X_world - origin)``."""
+
+    R: FloatArray
+    """(3, 3) rotation."""
+    origin: FloatArray
+    """(3,) world."""
+    scale: float
+    """Canonical units in a world unit."""
+
+    def camera(self, camera: Camera) -> Camera:
+        """A camera of the world in the canonical world."""
+        R_cam = camera.R_cam_from_world @ self.R.T
+        center = self.scale * (self.R @ (camera.center_world - self.origin))
+        return replace(camera, R_cam_from_world=R_cam, t_cam_from_world=-R_cam @ center)
+
+    def camera_to_world(self, camera: Camera) -> Camera:
+        """The inverse of ``camera``."""
+        R_cam = camera.R_cam_from_world @ self.R
+        return replace(
+            camera, R_cam_from_world=R_cam, t_cam_from_world=-R_cam @ self.points_to_world(camera.center_world)
+        )
+
+    def points_to_world(self, points: FloatArray) -> FloatArray:
+        """(..., 3) canonical points in the world."""
+        return points @ self.R / self.scale + self.origin
+
+    def planes_to_world(self, planes: FloatArray, anchor: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(S, 4) canonical planes in the world, and the (4, 4) derivative of (normal, normal · anchor + d) there by
+        (normal, d) here.
+        """
+        world = np.column_stack([planes[:, :3] @ self.R, planes[:, 3] / self.scale])
+        world[:, 3] -= world[:, :3] @ self.origin
+        jacobian = np.zeros((4, 4))
+        jacobian[:3, :3] = self.R.T
+        jacobian[3, :3] = self.R @ (anchor - self.origin)
+        jacobian[3, 3] = 1 / self.scale
+        return world, jacobian
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """A scene in canonical form, and the way back."""
+
+    given: Scene
+    scene: Scene
+    """K key frames as before; fewer frames, maybe."""
+    similarity: Similarity
+    twins: tuple[int, ...]
+    """Of each given frame the given frame that stands for it here: itself, or one with the same camera."""
+    elements: tuple[tuple[int, ...], ...]
+    """Per key frame the index, in the given scene, of each element."""
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """What is not used, one line."""
+        count = len(self.twins) - len(set(self.twins))
+        return (
+            (f"{count} frame(s) with the camera of the frame before add nothing and are stepped over",) if count else ()
+        )
+
+    @property
+    def anchor(self) -> FloatArray:
+        """(3,) world point about which covariances are told: the world's origin, unless that is far away."""
+        far = float(np.linalg.norm(self.similarity.origin)) * self.similarity.scale > _FAR
+        return self.similarity.origin if far else np.zeros(3)
+
+    def instances(self, instances: Sequence[Instance]) -> tuple[Instance, ...]:
+        """Instances with the given scene's numbers of elements."""
+        return tuple(
+            replace(instance, members=tuple((k, self.elements[k][e]) for k, e in instance.members))
+            for instance in instances
+        )
+
+    def tracks(self, tracks: Tracks) -> Tracks:
+        """Tracks with the given scene's numbers of frames and elements."""
+        offset = np.cumsum([0, *(len(order) for order in self.elements)])
+        element = np.concatenate([np.array(order, dtype=np.int64) for order in self.elements])
+        return replace(
+            tracks,
+            element=element[offset[tracks.key_frame] + tracks.element],
+            frame=np.unique(self.twins)[tracks.frame],
+            tried=tuple(
+                tried[np.argsort(np.array(order, dtype=np.int64))]
+                for tried, order in zip(tracks.tried, self.elements, strict=True)
+            ),
+        )
+
+    def cameras(self, scene: Scene) -> Scene:
+        """The given scene with the cameras of a canonical ``scene``."""
+        numbers = np.searchsorted(np.unique(self.twins), self.twins)
+        frames = tuple(
+            replace(frame, camera=self.similarity.camera_to_world(scene.frames[number].camera))
+            for frame, number in zip(self.given.frames, numbers, strict=True)
+        )
+        return replace(self.given, frames=frames)
+
+    def estimate(self, estimate: Estimate) -> Estimate:
+        """An estimate in the world."""
+        coefficients = np.array([[*plane.normal, plane.d] for plane in estimate.planes])
+        world, jacobian = self.similarity.planes_to_world(coefficients, self.anchor)
+        planes = tuple(
+            replace(
+                plane, normal=at[:3], d=float(at[3]), covariance=_turned(plane.covariance, jacobian), anchor=self.anchor
+            )
+            for plane, at in zip(estimate.planes, world, strict=True)
+        )
+        return replace(
+            estimate,
+            planes=planes,
+            covariance=_turned(estimate.covariance, jacobian),
+            landmarks=self.similarity.points_to_world(estimate.landmarks),
+            iterations=tuple(
+                Iteration(one.cost, self.similarity.planes_to_world(one.planes, self.anchor)[0])
+                for one in estimate.iterations
+            ),
+        )
+
+
+def canonical(scene: Scene) -> Canonical:
+    """The canonical form of a scene that has key frames."""
+    similarity = _similarity(scene)
+    twins = _twins(scene)
+    kept = sorted(set(twins))
+    still = camera_path(scene) == 0.0
+    frames = []
+    for f in kept:
+        camera = similarity.camera(scene.frames[f].camera)
+        # What rounding leaves of a way that there is not must not become one.
+        frames.append(
+            replace(scene.frames[f], camera=replace(camera, t_cam_from_world=np.zeros(3)) if still else camera)
+        )
+    orders = tuple(_order(key_frame.elements) for key_frame in scene.key_frames)
+    key_frames = tuple(
+        KeyFrame(
+            kept.index(key_frame.frame),
+            tuple(_normalised(key_frame.elements[e]) for e in order),
+            tuple(sorted((_directed(line) for line in key_frame.occlusion_edges), key=lambda line: line.tolist())),
+        )
+        for key_frame, order in zip(scene.key_frames, orders, strict=True)
+    )
+    return Canonical(scene, replace(scene, frames=tuple(frames), key_frames=key_frames), similarity, twins, orders)
+
+
+def _similarity(scene: Scene) -> Similarity:
+    """Axes of the first annotated camera; origin and unit from the box, along these, that holds all camera centres."""
+    R = scene.frame_of(0).camera.R_cam_from_world
+    centers = np.array([frame.camera.center_world for frame in scene.frames]) @ R.T
+    low, high = centers.min(axis=0), centers.max(axis=0)
+    path = float(np.linalg.norm(high - low)) if camera_path(scene) else 1.0
+    return Similarity(R, (low + high) / 2 @ R, 1 / path)
+
+
+def _twins(scene: Scene) -> tuple[int, ...]:
+    """Of each frame the one that stands for it: of frames in a row with one camera the first, or the annotated ones."""
+    annotated = {key_frame.frame for key_frame in scene.key_frames}
+    least = _SAME * camera_path(scene)
+    runs: list[list[int]] = []
+    for f, frame in enumerate(scene.frames):
+        if runs and _same(scene.frames[runs[-1][0]].camera, frame.camera, least):
+            runs[-1].append(f)
+        else:
+            runs.append([f])
+    twins = []
+    for run in runs:
+        first = next((f for f in run if f in annotated), run[0])
+        twins += [f if f in annotated else first for f in run]
+    return tuple(twins)
+
+
+def _same(a: Camera, b: Camera, least: float) -> bool:
+    return (
+        (a.width, a.height) == (b.width, b.height)
+        and np.array_equal(a.K, b.K)
+        and bool(np.linalg.norm(a.R_cam_from_world - b.R_cam_from_world) <= _SAME)
+        and bool(np.linalg.norm(a.center_world - b.center_world) <= least)
+    )
+
+
+def _order(elements: Sequence[Element]) -> tuple[int, ...]:
+    """Elements by label and place: neither by their ids nor as they were listed."""
+
+    def place(e: int) -> tuple[object, ...]:
+        element = _normalised(elements[e])
+        shapes = (element.amodal, element.visible)
+        return (
+            LABELS.index(element.label),
+            *(round(value, _DECIMALS) for shape in shapes for value in (shape.area, *shape.bounds)),
+            *(shapely.get_coordinates(shape).tolist() for shape in shapes),
+        )
+
+    return tuple(sorted(range(len(elements)), key=place))
+
+
+def _normalised(element: Element) -> Element:
+    """With rings that begin at a vertex, and run in a direction, that do not depend on how they were drawn."""
+    return replace(element, amodal=shapely.normalize(element.amodal), visible=shapely.normalize(element.visible))
+
+
+def _directed(line: FloatArray) -> FloatArray:
+    return line if line[0].tolist() <= line[-1].tolist() else line[::-1]
+
+
+def _turned(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """(4S, 4S) covariance of planes by their (4, 4) derivative; block by block, so that NaN stays apart."""
+    count = len(covariance) // 4
+    blocks = covariance.reshape(count, 4, count, 4)
+    return np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian).reshape(covariance.shape)

@@ -1,0 +1,92 @@
+"""Stage 4: what planes cost, on one set of terms for all planes that can be compared.
+
+The graphs in which planes are polished and solved leave terms out by where their planes start: two walls at odd angles
+have no right angle, planes that coincide have no line in which they meet. That is right for a solve, and wrong for a
+comparison: whoever is worst off would pay least. Here every term counts always, and none without bound.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import P
+
+from gtlayout.config import EstimationConfig
+from gtlayout.evidence import EdgeGroup, Evidence
+from gtlayout.initialization import sine_of_oddness
+from gtlayout.scene import FloatArray
+from gtlayout.structure import opening_factors
+
+_FARTHEST_PX = 100.0
+"""Distances of edges count up to this: planes that coincide have no line at all."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Negative log-likelihoods up to a constant."""
+
+    total: float
+    by_surface: FloatArray
+    """(S,) all terms in which a surface takes part: those of two surfaces count for both. NaN without a plane."""
+
+
+def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Cost:
+    """What (S, 4) ``planes`` cost, NaN = not placed.
+
+    Priors do not count: they lie round the start that they came from.
+    """
+    placed = np.isfinite(planes[:, 0])
+    own = np.zeros(len(planes))
+    pairs = np.zeros((len(planes), len(planes)))
+    for s in np.nonzero(placed)[0]:
+        own[s] = _of_tracks(evidence, s, planes[s], config) + _of_absurd_depths(evidence, s, planes[s], config)
+    for group in evidence.edges:
+        if placed[list(group.surfaces)].all():
+            pairs[group.surfaces] += _of_edge(group, planes, config)
+    values = gtsam.Values()
+    for s in np.nonzero(placed)[0].tolist():
+        values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
+    for pair, factor in opening_factors(evidence, planes, config):
+        pairs[pair] += factor.error(values)
+    cosine = planes[:, :3] @ planes[:, :3].T
+    both = np.triu(np.outer(placed, placed), k=1)
+    upright = evidence.perpendicular & both
+    pairs[upright] += 0.5 * (cosine[upright] / config.sigma_perpendicularity) ** 2
+    # However many walls there are, the others count as one for each.
+    walls = np.outer(evidence.wall, evidence.wall) & both
+    sine = sine_of_oddness(cosine[walls], evidence.touching[walls])
+    odd = np.minimum(sine, config.right_angle_reach) / config.sigma_perpendicularity
+    others = max(int(np.count_nonzero(evidence.wall & placed)) - 1, 1)
+    pairs[walls] += 2 / others * cauchy_loss(odd**2, config.right_angle_cauchy)
+    by_surface = np.where(placed, own + pairs.sum(axis=0) + pairs.sum(axis=1), np.nan)
+    return Cost(float(own.sum() + pairs.sum()), by_surface)
+
+
+def cauchy_loss(squared: FloatArray, scale: float) -> FloatArray:
+    """GTSAM's Cauchy loss of squared residuals in σ²."""
+    return 0.5 * scale**2 * np.log1p(squared / scale**2)
+
+
+def _of_tracks(evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig) -> float:
+    index, weight = evidence.tracks_of(s, config.max_track_weight)
+    if weight == 0.0:
+        return 0.0
+    residual = evidence.track_residuals(index, plane[None])[0]
+    return weight * float(cauchy_loss(residual**2, config.track_cauchy).sum())
+
+
+def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig) -> float:
+    depth = evidence.views[s].depths(plane[None])
+    absurd = (depth < config.depth_range[0]) | (depth > config.depth_range[1])
+    return config.initialization.absurd_weight * float(np.mean(absurd))
+
+
+def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
+    a, b = group.surfaces
+    off = group.ends_off_px(planes[a], planes[b]) / group.camera.hand_px
+    first, second = np.clip(off, -_FARTHEST_PX, _FARTHEST_PX)
+    shift, tilt = (first + second) / 2, (first - second) / 2
+    squared = (shift / config.sigma_edge_shift_px) ** 2 + (tilt / config.sigma_edge_tilt_px) ** 2
+    return float(cauchy_loss(squared, config.edge_cauchy))
