@@ -152,7 +152,7 @@ def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
     The graph is all of it: scales of the noise, built, optimised, marginals.
     """
     scene, config = prepared.scene, Config()
-    local = Normalisation.of(prepared.rays, scene.metric)
+    local = Normalisation.of(prepared.rays)
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     starts, graphs = [], []
     for _ in range(repeats):

@@ -85,14 +85,6 @@ class Canonical:
     """Per key frame the index, in the given scene, of each element."""
 
     @property
-    def said(self) -> tuple[str, ...]:
-        """What is not used, one line."""
-        count = len(self.twins) - len(set(self.twins))
-        return (
-            (f"{count} frame(s) with the camera of the frame before add nothing and are stepped over",) if count else ()
-        )
-
-    @property
     def anchor(self) -> FloatArray:
         """(3,) world point about which covariances are told: the world's origin, unless that is far away."""
         far = float(np.linalg.norm(self.similarity.origin)) * self.similarity.scale > _FAR

@@ -198,6 +198,8 @@ class EstimationConfig:
     """Robust scale of an observation, in σ."""
     sigma_surface: float = 0.01
     """Relief of a surface round its plane."""
+    tie_huber: float = 3.0
+    """Robust scale of a landmark's distance from its plane, in σ: none, however far, pulls without bound."""
     max_observations: int = 6
     """Observations of a track that enter the graph, spread evenly over it."""
     independent_observations: float = 3.0
@@ -254,6 +256,13 @@ class EstimationConfig:
     """A round ends when an iteration lowers the cost by less than this share."""
     settled: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""
+    max_cost_growth: float = 0.25
+    """A solve failed whose planes cost more than the start's by this share (and by ``max_plane_growth``). On real clips
+    and synthetic rooms it is .05 at most."""
+    max_moved_share: float = 0.3
+    """… or that moved a plane by this share of its depth …"""
+    max_plane_growth: float = 10.0
+    """… though what is known of it then costs so much more, as a negative log-likelihood. Usual are 3 at most."""
     min_moved_share: float = 0.2
     """Share of tracks that must show parallax; below it the camera does not move."""
     unobservable_depth: float = 5.0

@@ -18,6 +18,7 @@ from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.graph import Solution, solve
 from gtlayout.initialization import face_cameras
 from gtlayout.layout import Instance, Plane, Support
+from gtlayout.objective import cost_of
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 from gtlayout.support import supports
 from gtlayout.tracking import Tracks
@@ -52,6 +53,8 @@ class Estimate:
     landmark_instance: IntArray
     """(N,) instance whose plane it lies on, -1 = none."""
     iterations: tuple[Iteration, ...]
+    warnings: tuple[str, ...] = ()
+    """What went wrong on the way, one line each."""
 
 
 def estimate(
@@ -86,6 +89,11 @@ def estimate(
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution, uncertainty = optimise(cameras, tracks, evidence, start, config)
+    warnings = []
+    if lost := led_astray(evidence, start, solution.planes, config):
+        solution, uncertainty = unsolved(tracks, evidence, start, config)
+        astray = ", ".join(instances[s].name for s in lost)
+        warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
     world_planes, jacobian = local.planes_to_world(solution.planes)
     local_blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
     # Block by block, so that what is unknown of one plane stays with it.
@@ -114,6 +122,7 @@ def estimate(
             Iteration(cost, local.planes_to_world(at)[0])
             for cost, at in zip(solution.costs, solution.history, strict=True)
         ),
+        warnings=tuple(warnings),
     )
 
 
@@ -136,6 +145,44 @@ def optimise(
     facing = [face_cameras(plane[None], views) for plane, views in zip(solution.planes, evidence.views, strict=True)]
     solution = replace(solution, planes=np.concatenate(facing))
     return solution, plane_uncertainty(tracks, evidence, solution.planes, config)
+
+
+def led_astray(evidence: Evidence, start: FloatArray, planes: FloatArray, config: EstimationConfig) -> tuple[int, ...]:
+    """The surfaces that a solve led away, from (S, 4) ``start`` to ``planes``, from what is known of them.
+
+    Start and solve have objectives of their own. On a common one a solve ends a little worse than the start, which is
+    its optimum; much worse, as a whole or for a plane that moved far, is a solve that failed. Empty when it did not.
+    """
+    before, after = (cost_of(evidence, at, config) for at in (start, planes))
+    growth = after.by_surface - before.by_surface
+    moved = np.array([_moved(evidence.views[s], start[s], planes[s]) for s in range(len(planes))])
+    thrown = (growth > config.max_plane_growth) & (moved > config.max_moved_share)
+    if not thrown.any() and after.total > (1 + config.max_cost_growth) * before.total + config.max_plane_growth:
+        thrown = growth == np.nanmax(growth)
+    return tuple(np.nonzero(thrown)[0].tolist())
+
+
+def _moved(views: Views, before: FloatArray, after: FloatArray) -> float:
+    """By what share of its depth a plane moved where it is drawn: the median; NaN where it was not seen."""
+    depths = views.depths(np.stack([before, after]))
+    seen = depths[0] > 0
+    return float(np.median(np.abs(depths[1, seen] / depths[0, seen] - 1))) if seen.any() else np.nan
+
+
+def unsolved(
+    tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
+) -> tuple[Solution, Uncertainty]:
+    """What ``optimise`` would give had it stayed at (S, 4) ``start``: landmarks where their rays meet their planes."""
+    robust = np.zeros(len(tracks))
+    landmarks = np.full((len(tracks), 3), np.nan)
+    for s in np.nonzero(np.isfinite(start[:, 0]))[0].tolist():
+        index = np.nonzero(evidence.track_surface == s)[0]
+        points, depth = evidence.on_planes(index, start[s])
+        residual = evidence.track_residuals(index, start[s][None])[0]
+        robust[index] = 1 / (1 + (residual / config.track_cauchy) ** 2)
+        landmarks[index[depth > 0]] = points[depth > 0]
+    cost = cost_of(evidence, start, config).total
+    return Solution(start, landmarks, robust, (cost,), (start,)), plane_uncertainty(tracks, evidence, start, config)
 
 
 def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: Views) -> float:

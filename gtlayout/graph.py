@@ -142,7 +142,8 @@ def _track_factors(
         for batch in np.split(members, range(_BATCH, len(members), _BATCH)):
             if len(batch):
                 keys = [L(int(n)) for n in batch]
-                graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
+                sigma = config.sigma_surface / np.sqrt(weight[batch])
+                graph.add(track_factor(P(int(s)), keys, sigma, config.tie_huber))
     return graph
 
 

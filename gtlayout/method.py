@@ -107,6 +107,8 @@ def solve(
 
     Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config``.
     """
+    if not scene.key_frames:
+        raise GtlayoutError(f"{scene.root}: no frame is annotated, so there is nothing to reconstruct")
     config = config or Config()
     restarts = range(config.restarts) if restarts is None else restarts
     # OpenBLAS adds up in another order with each number of threads: the same bytes on every machine need just one.
@@ -119,7 +121,6 @@ def _solve(given: Scene, config: Config, observer: Observer, restarts: range) ->
     observer.scene(given)
     form = canonical(given)
     scene, warnings = form.scene, list(given.warnings)
-
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, observer.progress)
         rays = triangulate(scene, tracks, config.triangulation)
@@ -154,16 +155,14 @@ def _solve(given: Scene, config: Config, observer: Observer, restarts: range) ->
             break
         instances, track_instance = change.instances, change.track_instance
         warnings += change.said
-    warnings += form.said
-    given = replace(given, warnings=tuple(warnings))
+    given = replace(given, warnings=(*warnings, *solved.warnings))
     own_instances, own_tracks = form.instances(instances), form.tracks(tracks)
     observer.instances(own_instances, track_instance)
     observer.edges(edges)
 
     def run(restart: int) -> Solution:
         chosen = restart_tracks(track_instance, config, restart)
-        estimated = planes_of(chosen, restart) if restart else solved
-        estimated = form.estimate(estimated)
+        estimated = form.estimate(planes_of(chosen, restart) if restart else solved)
         with stage("extents"):
             extents = compute_extents(given, own_instances, estimated.planes, edges, config.extent)
         with stage("mesh"):

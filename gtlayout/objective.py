@@ -40,7 +40,7 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     placed = np.isfinite(planes[:, 0])
     own = np.zeros(len(planes))
     pairs = np.zeros((len(planes), len(planes)))
-    for s in np.nonzero(placed)[0]:
+    for s in np.nonzero(placed)[0].tolist():
         own[s] = _of_tracks(evidence, s, planes[s], config) + _of_absurd_depths(evidence, s, planes[s], config)
     for group in evidence.edges:
         if placed[list(group.surfaces)].all():

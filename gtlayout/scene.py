@@ -49,8 +49,9 @@ class Camera:
 
     @property
     def hand_px(self) -> float:
-        """Pixels that a hand is off by where it is off by one in an image of 640x480: larger images are drawn on as large
-        a screen. At least 1, for smaller ones are zoomed into.
+        """Pixels that a hand is off by where it is off by one in an image of 640x480.
+
+        Larger images are drawn on a screen that is no larger; smaller ones are zoomed into, so it is at least 1.
         """
         return max(1.0, float(np.hypot(self.width, self.height)) / 800.0)
 

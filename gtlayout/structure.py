@@ -50,7 +50,7 @@ def opening_factors(
 ) -> list[tuple[tuple[int, int], gtsam.NonlinearFactor]]:
     """A factor for each door or window and its host, with the indices of the two."""
     in_wall = _cauchy(np.array([*[config.sigma_coplanarity_angle] * 3, config.sigma_recess]), config.coplanarity_cauchy)
-    factors = []
+    factors: list[tuple[tuple[int, int], gtsam.NonlinearFactor]] = []
     for a in np.nonzero((evidence.host >= 0) & np.isfinite(planes[:, 0]))[0].tolist():
         host = int(evidence.host[a])
         points, _ = evidence.views[a].seen_on(planes[host])

@@ -23,6 +23,10 @@ _REMAP_ROWS = 1 << 14
 """Rows of one look-up: OpenCV's images have fewer than 2^15."""
 
 
+_GRID_PER_PX = 1024.0
+"""Steps of a pixel in which OpenCV is told where points are: exact in its 32 bits, a hundredth of what it can tell."""
+
+
 @dataclass(frozen=True)
 class Tracks:
     """N point tracks with M observations in all; flat arrays, observations sorted by (track, frame)."""
@@ -326,8 +330,12 @@ def _lucas_kanade(
 
 
 def _opencv_points(points_px: FloatArray) -> npt.NDArray[np.float32]:
-    """OpenCV's shape and its convention of (0, 0) at the first pixel's centre."""
-    return np.ascontiguousarray(points_px - 0.5, dtype=np.float32).reshape(-1, 1, 2)
+    """OpenCV's shape and its convention of (0, 0) at the first pixel's centre.
+
+    On a grid: last digits of the cameras, which differ between worlds and machines, must not move a match.
+    """
+    on_grid = np.round((points_px - 0.5) * _GRID_PER_PX) / _GRID_PER_PX
+    return np.ascontiguousarray(on_grid, dtype=np.float32).reshape(-1, 1, 2)
 
 
 def _warp(image: ImageArray, homography: FloatArray, camera: Camera) -> ImageArray:

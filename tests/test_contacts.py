@@ -61,7 +61,7 @@ def start(
     tracks = make_tracks(room, rng, drifting=0.1, without=without)
     drawn = jitter(edges, rng, CONFIG.sigma_edge_shift_px, CONFIG.sigma_edge_tilt_px)
     rays = triangulate(room.scene, tracks, TriangulationConfig())
-    local = Normalisation.of(rays, metric=True)
+    local = Normalisation.of(rays)
     owner = true_instance(room, tracks)
     evidence = gather(room.scene, tracks, local.rays(rays), owner, room.instances, drawn, local, CONFIG)
     kept, planes_local = start_without_wrong_contacts(evidence, CONFIG, seed)

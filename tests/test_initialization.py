@@ -30,7 +30,7 @@ def room() -> Room:
 
 def collect(room: Room, tracks: Tracks, edges: Sequence[ContactEdge]) -> tuple[Evidence, Normalisation]:
     rays = triangulate(room.scene, tracks, TriangulationConfig())
-    local = Normalisation.of(rays, room.scene.metric)
+    local = Normalisation.of(rays)
     track_instance = true_instance(room, tracks)
     return gather(room.scene, tracks, local.rays(rays), track_instance, room.instances, edges, local, CONFIG), local
 
@@ -127,7 +127,7 @@ def test_normalisation_keeps_pixels_and_planes() -> None:
     shift = np.array([1000.0, -1000.0, 1000.0])
     room = make_room(orbit(), KEY_FRAMES, scale=137.0, shift=shift, metric=False)
     rays = triangulate(room.scene, make_tracks(room, np.random.default_rng(0)), TriangulationConfig())
-    local = Normalisation.of(rays, metric=False)
+    local = Normalisation.of(rays)
     points = rays.points_world()
     inside = local.rays(rays).points_world()
     assert np.median(1 / local.rays(rays).rho) == pytest.approx(2.5, rel=0.01)

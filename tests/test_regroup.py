@@ -11,6 +11,7 @@ from rooms import level_camera, make_scene, pixels
 from shapely import MultiPolygon
 
 from gtlayout import method
+from gtlayout.canonical import canonical
 from gtlayout.config import Config, TriangulationConfig
 from gtlayout.coplanar import find_joins, plane_difference
 from gtlayout.correspondence import form_instances
@@ -297,9 +298,17 @@ QUICK = replace(
 
 def solve(room: Room, tracks: Tracks, groups: Sequence[set[tuple[int, int]]]) -> method.Solution:
     """The method with tracks and a grouping that are given instead of found in images."""
+    orders = canonical(room.scene).elements
+    number = [{e: n for n, e in enumerate(order)} for order in orders]
+    renumbered = replace(
+        tracks,
+        element=np.array([number[k][e] for k, e in zip(tracks.key_frame, tracks.element, strict=True)]),
+        tried=tuple(tried[list(order)] for tried, order in zip(tracks.tried, orders, strict=True)),
+    )
+    regrouped = [{(k, number[k][e]) for k, e in group} for group in groups]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "track", lambda *_: tracks)
-        patch.setattr(method, "correspond", lambda *_: form(room, tracks, groups))
+        patch.setattr(method, "track", lambda *_: renumbered)
+        patch.setattr(method, "correspond", lambda scene, *_: form(replace(room, scene=scene), renumbered, regrouped))
         return method.solve(room.scene, QUICK)
 
 

@@ -107,7 +107,7 @@ def test_python_is_not_called_for_every_landmark(monkeypatch: pytest.MonkeyPatch
         graphs.append((factors, values))
         return optimizer(factors, values, params)
 
-    local = Normalisation.of(prepared.rays, prepared.scene.metric)
+    local = Normalisation.of(prepared.rays)
     evidence = gather(
         prepared.scene,
         prepared.tracks,

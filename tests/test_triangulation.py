@@ -9,7 +9,7 @@ import pytest
 
 from gtlayout.config import TriangulationConfig
 from gtlayout.scene import Camera, FloatArray, Scene
-from gtlayout.tracking import Tracks
+from gtlayout.tracking import Tracks, infinite_homography
 from gtlayout.triangulation import camera_path, parallax_deg, triangulate
 from simulated_room import look_at, make_room, orbit
 from simulation import make_tracks, no_tracks
@@ -99,8 +99,8 @@ def test_a_point_that_moves_the_wrong_way_stays_in_the_depth_range() -> None:
     scene, tracks = one_point(sideways(9), np.array([1.5, 5.0, 1.0]))
     backwards = tracks.points_px[0] - 5 * (tracks.points_px - tracks.points_px[0])
     rays = triangulate(scene, replace(tracks, points_px=backwards), CONFIG)
-    near, far = CONFIG.depth_range_m
-    assert 1 / far <= rays.rho[0] <= 1 / near
+    near, far = camera_path(scene) * np.array(CONFIG.depth_range_paths)
+    assert 1 / far * (1 - 1e-9) <= rays.rho[0] <= 1 / near
 
 
 def test_the_unit_of_the_world_does_not_matter() -> None:
@@ -110,6 +110,22 @@ def test_the_unit_of_the_world_does_not_matter() -> None:
     a, b = (triangulate(room.scene, make_tracks(room, np.random.default_rng(0)), CONFIG) for room in (metre, other))
     np.testing.assert_allclose(a.rho, 137 * b.rho, rtol=1e-6)
     np.testing.assert_allclose(a.sigma_rho, 137 * b.sigma_rho, rtol=1e-6)
+
+
+def test_depths_that_are_not_known_end_near_the_others() -> None:
+    """With and without a unit alike: a point at infinity is no further away than so many median depths."""
+    room = make_room(orbit(), [2, 10, 18], metric=True)
+    tracks = make_tracks(room, np.random.default_rng(0))
+    far = tracks.track == 7
+    key = np.array([key_frame.frame for key_frame in room.scene.key_frames])[tracks.key_frame[7]]
+    cameras = [frame.camera for frame in room.scene.frames]
+    at_key = tracks.points_px[far & (tracks.frame == key)]
+    turned = [infinite_homography(cameras[key], cameras[f]) @ np.append(at_key, 1.0) for f in tracks.frame[far]]
+    points_px = tracks.points_px.copy()
+    points_px[far] = [turn[:2] / turn[2] for turn in turned]
+    for metric in (True, False):
+        rays = triangulate(replace(room.scene, metric=metric), replace(tracks, points_px=points_px), CONFIG)
+        assert np.median(rays.rho) / rays.rho[7] == pytest.approx(CONFIG.depth_range_medians[1], rel=0.01)
 
 
 def test_no_tracks_are_no_rays() -> None:

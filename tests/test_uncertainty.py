@@ -72,9 +72,9 @@ def exact(room: Room) -> Truth:
     """Exact tracks, edges and planes of a room."""
     tracks = make_tracks(room, np.random.default_rng(0), per_element=20, sigma_px=0.0)
     rays = triangulate(room.scene, tracks, TriangulationConfig())
-    local = Normalisation.of(rays, metric=True)
+    local = Normalisation.of(rays)
     planes = room.planes.copy()
-    planes[:, 3] += planes[:, :3] @ local.origin
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
     return Truth(room, tracks, true_edges(room), local, planes)
 
 
@@ -109,7 +109,7 @@ def sigmas(truth: Truth, evidence: Evidence, config: EstimationConfig | None = N
     found = plane_uncertainty(truth.tracks, evidence, truth.planes, config or EstimationConfig())
     variances = []
     for i in range(len(truth.planes)):
-        at = np.append(truth.room.seen_center(i) - truth.local.origin, 1.0)
+        at = np.append(truth.local.scale * (truth.room.seen_center(i) - truth.local.origin), 1.0)
         variances.append(at @ found.covariance[4 * i : 4 * i + 4, 4 * i : 4 * i + 4] @ at)
     return np.sqrt(variances)
 
@@ -141,7 +141,7 @@ def test_ellipsoids_hold_what_they_should(truth: Truth) -> None:
         linear = uncertainty._linearise(truth.tracks, evidence, truth.planes, np.arange(count), PLAIN)
         covariance, _, row_weight = uncertainty._scales(linear, PLAIN.uncertainty)
         step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
-        planes, _ = polish(evidence, truth.planes, PLAIN)
+        planes = polish(evidence, truth.planes, PLAIN)
         for s in range(count):
             own = slice(3 * s, 3 * s + 3)
             at_optimum.append(nees(step[own], covariance[own, own]))

@@ -21,7 +21,7 @@ SATURATED = np.iinfo(np.uint16).max
 
 def read_rgb(frame: Frame) -> ImageArray:
     """(H, W, 3) uint8 RGB, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    bgr = _to_camera(_stored(frame, cv2.IMREAD_COLOR), frame, _source(frame), None)
+    bgr = _to_camera(_stored_bgr(frame), frame, _source(frame), None)
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
@@ -33,8 +33,12 @@ def encoded(suffix: str, image: npt.NDArray[Any], parameters: Sequence[int] = ()
 
 
 def read_gray(frame: Frame) -> ImageArray:
-    """(H, W) uint8, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    image = _to_camera(_stored(frame, cv2.IMREAD_GRAYSCALE), frame, _source(frame), None)
+    """(H, W) uint8, undistorted: the same from a JPEG, a PNG of its pixels, and a video.
+
+    Raises GtlayoutError when the file cannot be read or has the wrong size.
+    """
+    # Not IMREAD_GRAYSCALE: it takes a JPEG's own luminance, which is up to 5 levels off that of its colours.
+    image = _to_camera(cv2.cvtColor(_stored_bgr(frame), cv2.COLOR_BGR2GRAY), frame, _source(frame), None)
     return image.astype(np.uint8, copy=False)
 
 
@@ -84,12 +88,9 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
     return image
 
 
-def _stored(frame: Frame, mode: int) -> npt.NDArray[Any]:
-    """The pixels as in the image file or the video, in colour (BGR) or grey as ``mode`` says."""
-    if frame.video is None:
-        return decode(frame.image_path, mode)
-    bgr = frame.video.video.frame(frame.video.index)
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY) if mode == cv2.IMREAD_GRAYSCALE else bgr
+def _stored_bgr(frame: Frame) -> npt.NDArray[Any]:
+    """The pixels as in the image file or the video."""
+    return frame.video.video.frame(frame.video.index) if frame.video else decode(frame.image_path, cv2.IMREAD_COLOR)
 
 
 def _source(frame: Frame) -> str:

@@ -1,0 +1,203 @@
+"""One objective for all planes: who is wrong pays, a solve that leads away from the evidence is noticed and undone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import P
+
+import gtlayout.estimation
+from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.estimation import led_astray
+from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.graph import solve as solve_graph
+from gtlayout.objective import cauchy_loss, cost_of
+from gtlayout.scene import BoolArray, FloatArray
+from gtlayout.structure import edge_factors
+from gtlayout.tracking import Tracks, infinite_homography
+from gtlayout.triangulation import triangulate
+from simulated_edges import true_edges
+from simulated_room import Room, make_room, orbit
+from simulation import errors, make_tracks, solve, true_instance
+
+KEY_FRAMES = [2, 6, 10, 14, 18]
+CONFIG = EstimationConfig()
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    return make_room(orbit(), KEY_FRAMES)
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def known(room: Room, tracks: Tracks) -> tuple[Evidence, FloatArray, Normalisation]:
+    """Evidence, and (S, 4) the true planes, in the local world."""
+    rays = triangulate(room.scene, tracks, TriangulationConfig())
+    local = Normalisation.of(rays)
+    owner = true_instance(room, tracks)
+    evidence = gather(room.scene, tracks, local.rays(rays), owner, room.instances, true_edges(room), local, CONFIG)
+    truth = room.planes.copy()
+    truth[:, 3] = local.scale * (truth[:, 3] + truth[:, :3] @ local.origin)
+    return evidence, truth, local
+
+
+def turned(planes: FloatArray, surface: int, angle_deg: float, views_center: FloatArray) -> FloatArray:
+    """One plane turned about the vertical through where it is seen."""
+    angle = np.deg2rad(angle_deg)
+    about_z = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    changed = planes.copy()
+    middle = views_center - (planes[surface, :3] @ views_center + planes[surface, 3]) * planes[surface, :3]
+    changed[surface, :3] = about_z @ planes[surface, :3]
+    changed[surface, 3] = -changed[surface, :3] @ middle
+    return changed
+
+
+def walls(room: Room) -> list[int]:
+    return [i for i, instance in enumerate(room.instances) if instance.label == "wall"]
+
+
+def test_the_truth_is_cheapest_and_every_term_counts_for_its_surfaces(room: Room) -> None:
+    evidence, truth, local = known(room, make_tracks(room, rng(), sigma_px=0.0))
+    best = cost_of(evidence, truth, CONFIG)
+    assert best.total < 1e-3
+    wall = walls(room)[0]
+    center = local.scale * (room.seen_center(wall) - local.origin)
+    worse = cost_of(evidence, turned(truth, wall, 8.0, center), CONFIG)
+    assert worse.total > best.total + 20
+    assert np.argmax(worse.by_surface) == wall
+    # Terms of two surfaces count for both, others for one: so the sum of all is no less than the total, nor its double.
+    assert worse.total < worse.by_surface.sum() < 2 * worse.total
+    none = cost_of(evidence, np.where(np.arange(len(truth))[:, None] == wall, np.nan, truth), CONFIG)
+    assert np.isnan(none.by_surface[wall]) and np.isfinite(np.delete(none.by_surface, wall)).all()
+
+
+def test_a_wrong_odd_angle_is_not_free(room: Room) -> None:
+    """A pair of walls without tracks and edges: .24 from a right angle, .26, and 45° cost more and more, never less."""
+    evidence, truth, local = known(room, make_tracks(room, rng(), sigma_px=0.0))
+    nothing = replace(evidence, edges=(), track_surface=np.full_like(evidence.track_surface, -1))
+    wall = walls(room)[0]
+    center = local.scale * (room.seen_center(wall) - local.origin)
+    sines = [0.0, 0.1, 0.24, 0.26, np.sin(np.pi / 4)]
+    cost = [
+        cost_of(nothing, turned(truth, wall, float(np.rad2deg(np.arcsin(sine))), center), CONFIG).total
+        for sine in sines
+    ]
+    assert np.all(np.diff(cost) >= -1e-9)
+    assert cost[3] > cost[0] + 1.0
+    assert cost[4] == pytest.approx(cost[3], rel=0.01), "an angle that is odd anyway may be any"
+
+
+def test_planes_that_coincide_do_not_meet_for_free() -> None:
+    """Two walls drawn as touching: put into one plane, their edge costs as much as one that is 100 px off, and parallel
+    as they are they cost as much as at any other odd angle.
+    """
+    room = make_room(orbit(), KEY_FRAMES)
+    evidence, truth, _ = known(room, make_tracks(room, rng(), sigma_px=0.0))
+    group = next(g for g in evidence.edges if {room.instances[i].label for i in g.surfaces} == {"wall"})
+    a, b = group.surfaces
+    only = replace(evidence, edges=(group,), track_surface=np.full_like(evidence.track_surface, -1))
+    flat = truth.copy()
+    flat[b] = truth[a]
+    odd = (CONFIG.right_angle_reach / CONFIG.sigma_perpendicularity) ** 2
+    expected = float(cauchy_loss(np.array((100 / CONFIG.sigma_edge_shift_px) ** 2), CONFIG.edge_cauchy))
+    expected += 2 / (len(walls(room)) - 1) * float(cauchy_loss(np.array(odd), CONFIG.right_angle_cauchy))
+    without = replace(only, edges=())
+    assert cost_of(only, flat, CONFIG).total - cost_of(without, flat, CONFIG).total == pytest.approx(expected)
+
+
+def test_edges_cost_what_their_factors_do(room: Room) -> None:
+    evidence, truth, local = known(room, make_tracks(room, rng(), sigma_px=0.0))
+    wall = walls(room)[0]
+    planes = turned(truth, wall, 2.0, local.scale * (room.seen_center(wall) - local.origin))
+    values = gtsam.Values()
+    for s, plane in enumerate(planes):
+        values.insert(P(s), gtsam.OrientedPlane3(plane))
+    factors = sum(factor.error(values) for factor in edge_factors(evidence, planes, CONFIG))
+    without = replace(evidence, edges=())
+    # Touching changes what right angles between walls cost: by nothing here, where all are right but one.
+    edges = cost_of(evidence, planes, CONFIG).total - cost_of(without, planes, CONFIG).total
+    assert edges == pytest.approx(factors, rel=1e-6)
+
+
+def test_a_solve_that_throws_a_plane_is_noticed_and_its_start_kept(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    tracks = make_tracks(room, rng())
+    good = solve(room, tracks, true_edges(room))
+    assert good.warnings == ()
+    wall = walls(room)[1]
+    honest = gtlayout.estimation.optimise
+
+    def astray(*arguments):  # type: ignore[no-untyped-def]
+        solution, uncertainty = honest(*arguments)
+        planes = solution.planes.copy()
+        planes[wall, 3] *= 2.0
+        return replace(solution, planes=planes), uncertainty
+
+    monkeypatch.setattr(gtlayout.estimation, "optimise", astray)
+    kept = solve(room, tracks, true_edges(room))
+    assert len(kept.warnings) == 1 and room.instances[wall].name in kept.warnings[0]
+    angles_deg, offsets = errors(room, kept.planes)
+    assert angles_deg.max() < 0.5 and np.abs(offsets).max() < 0.02
+    # All that is said of a plane is said of the start as well.
+    assert all(plane.observable and plane.support.tracks for plane in kept.planes)
+    used = np.isfinite(kept.landmarks[:, 0])
+    np.testing.assert_array_equal(used, kept.landmark_instance >= 0)
+    for n in np.nonzero(used)[0]:
+        plane = kept.planes[kept.landmark_instance[n]]
+        assert abs(plane.normal @ kept.landmarks[n] + plane.d) < 1e-6
+    assert np.median(kept.landmark_weight[used]) > 0.5
+
+
+def test_an_ordinary_solve_is_not_led_astray(room: Room) -> None:
+    evidence, truth, local = known(room, make_tracks(room, rng(), drifting=0.1))
+    wall = walls(room)[0]
+    center = local.scale * (room.seen_center(wall) - local.origin)
+    assert led_astray(evidence, truth, truth, CONFIG) == ()
+    assert led_astray(evidence, truth, turned(truth, wall, 0.3, center), CONFIG) == ()
+    assert led_astray(evidence, truth, turned(truth, wall, 40.0, center), CONFIG) == (wall,)
+    # The other way round it is a rescue.
+    assert led_astray(evidence, turned(truth, wall, 40.0, center), truth, CONFIG) == ()
+
+
+def test_landmarks_start_on_their_planes_whatever_they_were_triangulated_at(room: Room) -> None:
+    """Tracks at infinity, which every plane contradicts by a little only: the graph starts near its optimum."""
+    tracks = make_tracks(room, rng())
+    far = np.arange(len(tracks)) % 7 == 0
+    evidence, truth, local = known(room, replace(tracks, points_px=at_infinity(room, tracks, far)))
+    cameras = [local.camera(frame.camera) for frame in room.scene.frames]
+    weightless = replace(evidence, sigma_rho=np.where(far, 5 * evidence.rays.rho.max(), evidence.sigma_rho))
+    found = solve_graph(cameras, replace(tracks, points_px=at_infinity(room, tracks, far)), weightless, truth, CONFIG)
+    assert found.costs[0] < 30 * found.costs[-1]
+    assert np.abs(found.planes - truth).max() < 0.03
+
+
+@pytest.mark.parametrize("push_px", [10.0, 1e3, 1e5])
+def test_no_track_moves_a_plane_without_bound(room: Room, push_px: float) -> None:
+    """One track in a hundred anywhere: the planes stay where they are, however far that is."""
+    tracks = make_tracks(room, rng())
+    before, _ = errors(room, solve(room, tracks).planes)
+    key = np.array(KEY_FRAMES)[tracks.key_frame][tracks.track]
+    wrong = (tracks.track % 100 == 0) & (tracks.frame != key)
+    points_px = tracks.points_px.copy()
+    points_px[wrong] += push_px * rng(1).normal(size=(np.count_nonzero(wrong), 2))
+    angles_deg, offsets = errors(room, solve(room, replace(tracks, points_px=points_px)).planes)
+    assert np.abs(angles_deg - before).max() < 0.1
+    assert np.abs(offsets).max() < 0.01
+
+
+def at_infinity(room: Room, tracks: Tracks, far: BoolArray) -> FloatArray:
+    """(M, 2) positions, those of tracks ``far`` as if their points were infinitely far away."""
+    cameras = [frame.camera for frame in room.scene.frames]
+    points_px = tracks.points_px.copy()
+    for n in np.nonzero(far)[0]:
+        own = np.nonzero(tracks.track == n)[0]
+        key = KEY_FRAMES[tracks.key_frame[n]]
+        start = np.append(points_px[own[tracks.frame[own] == key][0]], 1.0)
+        turns = [infinite_homography(cameras[key], cameras[f]) @ start for f in tracks.frame[own]]
+        points_px[own] = [turn[:2] / turn[2] for turn in turns]
+    return points_px
