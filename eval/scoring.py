@@ -26,6 +26,13 @@ def score(evaluation: Evaluation, seconds: float) -> list[Metric]:
         Metric("depth_error", depth.mean if depth else np.nan, "m", False),
         Metric("depth_error_trimmed", depth.trimmed_mean if depth else np.nan, "m", False),
         Metric("depth_error_median", depth.median if depth else np.nan, "m", False),
+        *(
+            Metric(key, np.nan if share is None else share, "", True)
+            for key, share in (
+                ("within_5cm", depth.within_5cm if depth else None),
+                ("within_10cm", depth.within_10cm if depth else None),
+            )
+        ),
         Metric("normal_error", normal_deg, "°", False),
         Metric("offset_error", offset, "m", False),
         Metric("precision", evaluation.precision, "", True),

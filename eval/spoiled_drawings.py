@@ -61,7 +61,7 @@ def shifted_edge(elements: Drawn, edge_px: FloatArray, shift_px: float, camera: 
 def longest_edge(element: Element, camera: Camera) -> FloatArray | None:
     """(2, 2) px: the longest straight edge that does not run along the image border; None when there is none."""
     border = shapely.box(0, 0, camera.width, camera.height).exterior
-    edges = []
+    edges: list[tuple[FloatArray, FloatArray]] = []
     for polygon in element.amodal.geoms:
         points = shapely.get_coordinates(polygon.exterior)
         edges += pairwise(points)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from gtlayout.config import Config
+from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_all_atomic
 from measure_variant import VARIANTS, measured_apart
@@ -27,6 +28,8 @@ MEANS = ("iou", "accepted", "trustworthy", "within_5cm", "within_10cm", "time", 
 """Columns that it gives the mean of …"""
 WORST = {"iou": min, "depth_error_trimmed": max}
 """… and the worst of."""
+UNREADABLE = "unreadable"
+"""In place of its variants, for a scene that cannot be read or has no truth."""
 ROWS, SUMMARY, CERTAIN, FAILED = "rows", "summary", "wrong_and_certain", "failed"
 
 
@@ -70,22 +73,29 @@ def run(
         chosen: those of the variants' names to measure.
 
     Raises:
-        GtlayoutError: a scene cannot be read, or results cannot be written.
+        GtlayoutError: results cannot be written.
     """
-    outcomes = []
+    outcomes: list[Outcome] = []
     for folder, scenes in scenes_by_folder(roots).items():
         tasks: dict[str, Task] = {}
-        named: list[tuple[str, str, str]] = []
+        rows: list[tuple[str, str, str]] = []
+        unreadable: dict[str, str] = {}
         for scene, path in scenes.items():
-            for name in chosen(list(VARIANTS[kind](load_scene(path)))):
+            try:
+                names = list(VARIANTS[kind](load_scene(path)))
+            except GtlayoutError as error:
+                unreadable[scene] = str(error)
+                rows.append((scene, UNREADABLE, scene))
+                continue
+            for name in chosen(names):
                 file = file_name(scene, name)
                 tasks[file] = Task(path, partial(measured_apart, kind, path, name), f"{kind} {name} {Config()!r}")
-                named.append((file, scene, name))
+                rows.append((scene, name, file))
         results = run_tasks(tasks, out / folder, jobs)
-        errors = errors_of(tasks, out / folder)
+        errors = errors_of(tasks, out / folder) | unreadable
         outcomes += [
             Outcome(f"{folder}/{scene}", name, results.get(file, {}), errors.get(file, ""))
-            for file, scene, name in named
+            for scene, name, file in rows
         ]
     return outcomes
 
