@@ -14,6 +14,8 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+import cv2
+
 from clip_forms import forms
 from degradations import degradations
 from gtlayout.errors import GtlayoutError
@@ -43,6 +45,7 @@ def measured_apart(kind: str, scene: Path, name: str) -> SceneRows:
 
 def main(kind: str, folder: str, name: str, out: str) -> int:
     """See above."""
+    cv2.setNumThreads(1)
     try:
         with tempfile.TemporaryDirectory() as files:
             variant = VARIANTS[kind](load_scene(Path(folder)))[name](Path(files))

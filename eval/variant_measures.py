@@ -63,9 +63,10 @@ def measure(variant: Variant) -> SceneRows:
 
     Raises GtlayoutError when it cannot be solved, or has no truth.
     """
-    start = time.perf_counter()
+    # The processor's time: a clock on the wall would measure what else the machine does.
+    start = time.process_time()
     solution = solve(variant.given, Config())
-    seconds, peak = time.perf_counter() - start, peak_bytes()
+    seconds, peak = time.process_time() - start, peak_bytes()
     return rows_of(variant, solution, seconds, peak)
 
 
