@@ -26,7 +26,7 @@ from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.nerfstudio import write_transforms
 from gtlayout.io.video import Video
 from gtlayout.scene import Camera, Element, Frame, ImageArray, KeyFrame, Scene, VideoFrame
-from variants import Makers, Similarity, Variant, all_drawn, unaided, variant, with_cameras, with_frames
+from variants import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
 from variants import with_key_frames as keep_key_frames
 
 FAR_M = np.array([6000.0, -6400.0, 4800.0])
@@ -105,7 +105,8 @@ def _half_size(scene: Scene, folder: Path) -> Variant:
     write_transforms(folder / TRANSFORMS_FILE, frames)
     write_annotations(folder / NATIVE_FILE, frames, key_frames)
     write_json_atomic(folder / SCENE_FILE, {"metric": scene.metric})
-    return variant(scene, unaided(load_scene(folder)), sources_by_id(scene, load_scene(folder)))
+    given = load_scene(folder)
+    return variant(scene, given, sources_by_id(scene, given))
 
 
 def sources_by_id(scene: Scene, written: Scene) -> list[tuple[int, list[int]]]:

@@ -194,11 +194,11 @@ def courses(path: Path, x: FloatArray, series: Mapping[str, FloatArray], xlabel:
 def by_variant(
     path: Path, panels: Mapping[str, Mapping[str, Sequence[tuple[str, float]]]], variants: Sequence[str]
 ) -> None:
-    """A line per variant, a mark per scene on it; a panel per quantity, one beside the other.
+    """A line per variant, a mark per scene on it; a panel per quantity, one beside the other, each from 0 to 1 or more.
 
     Args:
         path: where the picture goes, .png or .svg.
-        panels: what is measured → scene → (variant, value) pairs; NaN is left out.
+        panels: what is measured, shares or counts → scene → (variant, value) pairs; NaN is left out.
         variants: from top to bottom.
 
     Raises:
@@ -214,6 +214,9 @@ def by_variant(
                 shift = 0.5 * (k + 0.5) / len(scenes) - 0.25
                 y = np.array([row[variant] + shift for variant, _ in values])
                 panel.scatter([value for _, value in values], y, label=scene, **_points(k, 0))
+            known = [value for values in scenes.values() for _, value in values if np.isfinite(value)]
+            top = max([1.0, *known])
+            _scale(panel, "x", (-0.04 * top, 1.04 * top), log=False)
             panel.set_xlabel(title)
         drawn[0].set_yticks(range(len(row)), list(row))
         drawn[0].set_ylim(len(row) - 0.5, -0.5)

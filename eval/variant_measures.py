@@ -10,6 +10,7 @@ from __future__ import annotations
 import resource
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, Element, FloatArray
 from metrics import Metric
 from runner import SceneRows
+from scoring import depth_metrics
 from variants import Variant
 
 OFF_M, OFF_DEG = 0.1, 5.0
@@ -42,6 +44,8 @@ PIXELS = 24
 WHOLE = "whole"
 """Row of the scene as a whole, in what is measured; the others are planes."""
 MIB = 1 << 20
+PROCESS = Path("/proc/self")
+"""What Linux says of this process."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,7 @@ def measure(variant: Variant) -> SceneRows:
 
     Raises GtlayoutError when it cannot be solved, or has no truth.
     """
+    forget_peak()
     # The processor's time: a clock on the wall would measure what else the machine does.
     start = time.process_time()
     solution = solve(variant.given, Config())
@@ -78,7 +83,6 @@ def rows_of(variant: Variant, solution: Solution, seconds: float, peak: int) -> 
         raise GtlayoutError(f"{judge.root}: no gt_planes.json, so nothing to compare planes with")
     layout = variant.moved.undone(solution.layout, judge.metric)
     found = evaluate(judge, layout)
-    depth = found.depth if judge.metric else None
     planes = plane_rows(variant, truth, layout, solution.quality.instances)
     compared = [metrics for metrics in planes.values() if metrics]
 
@@ -91,11 +95,7 @@ def rows_of(variant: Variant, solution: Solution, seconds: float, peak: int) -> 
         Metric("iou", solution.quality.iou, "", True),
         Metric("accepted", float(solution.quality.accepted), "", True),
         Metric("trustworthy", float(solution.quality.predicted == "trustworthy"), "", None),
-        Metric("depth_error", depth.mean if depth else np.nan, "m", False),
-        Metric("depth_error_trimmed", depth.trimmed_mean if depth else np.nan, "m", False),
-        Metric("depth_error_median", depth.median if depth else np.nan, "m", False),
-        Metric("within_5cm", _or_nan(depth.within_5cm if depth else None), "", True),
-        Metric("within_10cm", _or_nan(depth.within_10cm if depth else None), "", True),
+        *depth_metrics(found.depth if judge.metric else None),
         Metric("planes", float(len(compared)), "", None),
         Metric("missing", float(len(planes) - len(compared)), "", False),
         Metric("off", count("off"), "", False),
@@ -206,11 +206,16 @@ def median_depth(variant: Variant, truth: Truth) -> float:
     return float(np.median(np.concatenate(depths)))
 
 
+def forget_peak() -> None:
+    """Let ``peak_bytes`` begin anew, where the system can: what it took to make a variant is not the solve's."""
+    with suppress(OSError):
+        (PROCESS / "clear_refs").write_text("5")
+
+
 def peak_bytes() -> int:
-    """Largest resident memory of this process so far; Linux' own counter begins with that of who started it."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        fields = dict(line.split(":", 1) for line in status.read_text().splitlines())
+    """Largest resident memory of this process so far; Linux' other counter begins with that of who started it."""
+    if (PROCESS / "status").exists():
+        fields = dict(line.split(":", 1) for line in (PROCESS / "status").read_text().splitlines())
         return int(fields["VmHWM"].split()[0]) * 1024
     # Elsewhere KiB, on macOS bytes.
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
@@ -224,7 +229,3 @@ def _pixels(element: Element) -> FloatArray:
 def _median(values: list[FloatArray]) -> float:
     pooled = np.concatenate([np.empty(0), *values])
     return float(np.median(pooled)) if len(pooled) else np.nan
-
-
-def _or_nan(value: float | None) -> float:
-    return np.nan if value is None else value

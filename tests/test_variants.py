@@ -27,6 +27,7 @@ from variant_measures import (
     WHOLE,
     carried,
     compared_planes,
+    forget_peak,
     median_depth,
     peak_bytes,
     plane_rows,
@@ -316,7 +317,16 @@ def test_a_solve_apart_says_what_it_took(room: Path, tmp_path: Path) -> None:
     assert whole["depth_error_median"] < 1.0, "metres, not millimetres"
     assert whole["planes"] + whole["missing"] == len(rows) - 1
     assert sum(figures(of)["off"] for key, of in rows.items() if key != WHOLE and of) == whole["off"]
-    assert peak_bytes() > 60 << 20
+
+
+@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux forgets")
+def test_peak_memory_is_that_since_it_was_forgotten() -> None:
+    large = np.ones(100 << 17)
+    with_it = peak_bytes()
+    del large
+    assert peak_bytes() == pytest.approx(with_it, abs=20 << 20), "a peak stays"
+    forget_peak()
+    assert 60 << 20 < peak_bytes() < with_it - (60 << 20)
 
 
 def test_only_a_variant_knows_its_true_cameras(tmp_path: Path) -> None:
