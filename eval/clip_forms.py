@@ -33,8 +33,9 @@ FAR_M = np.array([6000.0, -6400.0, 4800.0])
 """10⁴ m: as far as a national grid's origin is from a town."""
 TURN = Rotation.from_rotvec(np.deg2rad(100.0) * np.array([0.48, -0.6, 0.64])).as_matrix()
 """No axis of the world stays near where it was."""
-X264 = {"crf": "23", "g": "30"}
-"""FFmpeg's usual quality, and a key frame a second as phones have it."""
+X264 = {"crf": "23", "g": "30", "threads": "1", "x264-params": "mbtree=0"}
+"""FFmpeg's usual quality, and a key frame a second as phones have it; the same bytes every time, which more threads or
+the tree of macroblocks would not give."""
 
 
 def forms(scene: Scene) -> Makers:

@@ -11,7 +11,7 @@ import rooms
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from clip_forms import forms, sources_by_id
+from clip_forms import forms, sources_by_id, write_video
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.images import read_rgb
@@ -282,6 +282,13 @@ def test_a_video_shows_what_the_images_show(room: Path, tmp_path: Path) -> None:
         off = [float(np.abs(read_rgb(given.frames[i]).astype(float) - image).mean()) for image in images]
         assert int(np.argmin(off)) == i
         assert off[i] < 6
+
+
+def test_a_video_is_the_same_every_time(room: Path, tmp_path: Path) -> None:
+    files = [tmp_path / "a.mp4", tmp_path / "b.mp4"]
+    for file in files:
+        write_video(file, load_scene(room))
+    assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_half_the_size_is_the_same_view(room: Path, tmp_path: Path) -> None:
