@@ -191,6 +191,39 @@ def courses(path: Path, x: FloatArray, series: Mapping[str, FloatArray], xlabel:
         _save(figure, path)
 
 
+def by_variant(
+    path: Path, panels: Mapping[str, Mapping[str, Sequence[tuple[str, float]]]], variants: Sequence[str]
+) -> None:
+    """A line per variant, a mark per scene on it; a panel per quantity, one beside the other, each from 0 to 1 or more.
+
+    Args:
+        path: where the picture goes, .png or .svg.
+        panels: what is measured, shares or counts → scene → (variant, value) pairs; NaN is left out.
+        variants: from top to bottom.
+
+    Raises:
+        GtlayoutError: another suffix, or the folder or disk does not take the file.
+    """
+    row = {variant: i for i, variant in enumerate(variants)}
+    with matplotlib.style.context(["default", STYLE]):
+        figure = Figure(figsize=(WIDTH_IN * (0.5 + 0.5 * len(panels)), 1.6 + 0.3 * len(row)), layout="constrained")
+        drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+        for panel, (title, scenes) in zip(drawn, panels.items(), strict=True):
+            for k, (scene, values) in enumerate(scenes.items()):
+                # Marks of scenes that agree stand one above the other.
+                shift = 0.5 * (k + 0.5) / len(scenes) - 0.25
+                y = np.array([row[variant] + shift for variant, _ in values])
+                panel.scatter([value for _, value in values], y, label=scene, **_points(k, 0))
+            known = [value for values in scenes.values() for _, value in values if np.isfinite(value)]
+            top = max([1.0, *known])
+            _scale(panel, "x", (-0.04 * top, 1.04 * top), log=False)
+            panel.set_xlabel(title)
+        drawn[0].set_yticks(range(len(row)), list(row))
+        drawn[0].set_ylim(len(row) - 0.5, -0.5)
+        _legend(figure, drawn[0], columns=2)
+        _save(figure, path)
+
+
 def _draw_pairs(
     figure: SubFigure,
     table: Mapping[str, FloatArray],

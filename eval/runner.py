@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -26,8 +28,20 @@ from metrics import FORMAT, Metric, read_rows
 SceneRows = dict[str, list[Metric]]
 """Label of a row (a method, a variant) → what was measured for it in one scene."""
 Measure = Callable[[Path], Mapping[str, list[Metric]]]
+_Todo = Mapping[str, Callable[[], Mapping[str, list[Metric]]]]
 SCENES = "scenes"
 """Folder of the results of each scene, inside the folder of all results."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something to measure of a scene, with a result of its own."""
+
+    scene: Path
+    measure: Callable[[], Mapping[str, list[Metric]]]
+    """With several processes a function that can be pickled."""
+    settings: str
+    """Whatever else decides the result, in words."""
 
 
 @dataclass(frozen=True)
@@ -92,19 +106,24 @@ def run_scenes(
     Raises:
         GtlayoutError: a name is no file name, or results cannot be written.
     """
-    for name in scenes:
+    tasks = {name: Task(path, partial(measure, path), settings) for name, path in scenes.items()}
+    return run_tasks(tasks, out_dir, jobs)
+
+
+def run_tasks(tasks: Mapping[str, Task], out_dir: Path, jobs: int = 1) -> dict[str, SceneRows]:
+    """The same for several things to measure of each scene: the result of each goes to a file of its own."""
+    for name in tasks:
         if Path(name).name != name or name.startswith("."):
             raise GtlayoutError(f"scene {name!r} cannot be a file name: call it otherwise")
-    files = {name: out_dir / SCENES / f"{name}.json" for name in scenes}
-    decides = repr((program(), settings))
-    fingerprints = {name: fingerprint(inputs_of(path, decides, [out_dir]), decides) for name, path in scenes.items()}
-    done = {name: rows for name in scenes if (rows := _finished(files[name], fingerprints[name])) is not None}
-    todo = {name: path for name, path in scenes.items() if name not in done}
+    files = {name: out_dir / SCENES / f"{name}.json" for name in tasks}
+    fingerprints = _fingerprints(tasks, out_dir)
+    done = {name: rows for name in tasks if (rows := _finished(files[name], fingerprints[name])) is not None}
+    todo = {name: task.measure for name, task in tasks.items() if name not in done}
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
-        bar = bars.add_task("scenes", total=len(scenes), completed=len(done))
-        for name, outcome in _in_processes(todo, measure, jobs) if jobs > 1 else _here(todo, measure):
+        bar = bars.add_task("scenes", total=len(tasks), completed=len(done))
+        for name, outcome in _in_processes(todo, jobs) if jobs > 1 else _here(todo):
             metrics = {label: [asdict(metric) for metric in row] for label, row in outcome.rows.items()}
             record = {"format": FORMAT, "fingerprint": fingerprints[name], "error": outcome.error, "rows": metrics}
             write_json_atomic(files[name], record)
@@ -113,11 +132,11 @@ def run_scenes(
             else:
                 print(f"{name}: {outcome.error}", file=sys.stderr)
             bars.advance(bar)
-    return {name: done[name] for name in scenes if name in done}
+    return {name: done[name] for name in tasks if name in done}
 
 
-def errors_of(scenes: Mapping[str, Path], out_dir: Path) -> dict[str, str]:
-    """Scene → reason, for those that failed in the last run into ``out_dir``. Raises GtlayoutError on damaged files."""
+def errors_of(scenes: Iterable[str], out_dir: Path) -> dict[str, str]:
+    """Name → reason, for those that failed in the last run into ``out_dir``. Raises GtlayoutError on damaged files."""
     found = {name: read_json(out_dir / SCENES / f"{name}.json").get("error") for name in scenes}
     return {name: str(error) for name, error in found.items() if error is not None}
 
@@ -133,9 +152,20 @@ def _finished(path: Path, fingerprint: str) -> SceneRows | None:
         return None  # Damaged: it will be written anew.
 
 
-def _attempt(measure: Measure, path: Path) -> _Outcome:
+def _fingerprints(tasks: Mapping[str, Task], out_dir: Path) -> dict[str, str]:
+    """Name → hash of all that its result depends on. Raises GtlayoutError when a scene's files cannot be read."""
+    code = program()
+    scenes = {task.scene for task in tasks.values()}
+    contents = {scene: fingerprint(inputs_of(scene, code, [out_dir]), code) for scene in scenes}
+    return {
+        name: hashlib.sha256(repr((contents[task.scene], task.settings)).encode()).hexdigest()
+        for name, task in tasks.items()
+    }
+
+
+def _attempt(measure: Callable[[], Mapping[str, list[Metric]]]) -> _Outcome:
     try:
-        return _Outcome(dict(measure(path)))
+        return _Outcome(dict(measure()))
     except GtlayoutError as error:
         return _Outcome({}, str(error))
     except Exception as error:
@@ -143,25 +173,25 @@ def _attempt(measure: Measure, path: Path) -> _Outcome:
         return _Outcome({}, one_line(error))
 
 
-def _here(scenes: Mapping[str, Path], measure: Measure) -> Iterator[tuple[str, _Outcome]]:
-    for name, path in scenes.items():
-        yield name, _attempt(measure, path)
+def _here(todo: _Todo) -> Iterator[tuple[str, _Outcome]]:
+    for name, measure in todo.items():
+        yield name, _attempt(measure)
 
 
-def _in_processes(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome]]:
+def _in_processes(todo: _Todo, jobs: int) -> Iterator[tuple[str, _Outcome]]:
     """Outcomes as they come."""
-    unfinished = dict(scenes)
-    for name, outcome in _in_one_pool(scenes, measure, jobs):
+    unfinished = dict(todo)
+    for name, outcome in _in_one_pool(todo, jobs):
         if outcome is not None:
             unfinished.pop(name)
             yield name, outcome
     # A process that died took its pool with it, and which scene it was is not said: one pool each tells.
-    for name, path in unfinished.items():
-        for _, outcome in _in_one_pool({name: path}, measure, 1):
+    for name, measure in unfinished.items():
+        for _, outcome in _in_one_pool({name: measure}, 1):
             yield name, outcome or _Outcome({}, "the process died: out of memory, or a crash")
 
 
-def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
+def _in_one_pool(todo: _Todo, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
     """Outcomes as they come; None for scenes whose pool died before they were finished."""
     with single_threaded():
         # Spawned, because OpenCV's and GTSAM's threads do not survive a fork.
@@ -170,8 +200,8 @@ def _in_one_pool(scenes: Mapping[str, Path], measure: Measure, jobs: int) -> Ite
         names: dict[Future[_Outcome], str] = {}
         try:
             with suppress(BrokenProcessPool):
-                for name, path in scenes.items():
-                    names[pool.submit(_attempt, measure, path)] = name
+                for name, measure in todo.items():
+                    names[pool.submit(_attempt, measure)] = name
             for future in as_completed(names):
                 error = future.exception()
                 outcome = future.result() if error is None else _Outcome({}, repr(error))

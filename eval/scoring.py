@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.evaluation import Evaluation
+from gtlayout.evaluation import DepthError, Evaluation
 from metrics import Metric, mean_over
 
 QUALITY_CONTROLLED = ("iou", "depth_error", "depth_error_trimmed", "precision", "recall")
@@ -23,15 +23,27 @@ def score(evaluation: Evaluation, seconds: float) -> list[Metric]:
     return [
         Metric("accepted", float(evaluation.accepted), "", True),
         Metric("iou", evaluation.iou, "", True),
-        Metric("depth_error", depth.mean if depth else np.nan, "m", False),
-        Metric("depth_error_trimmed", depth.trimmed_mean if depth else np.nan, "m", False),
-        Metric("depth_error_median", depth.median if depth else np.nan, "m", False),
+        *depth_metrics(depth),
         Metric("normal_error", normal_deg, "°", False),
         Metric("offset_error", offset, "m", False),
         Metric("precision", evaluation.precision, "", True),
         Metric("recall", evaluation.recall, "", True),
         Metric("right_instance", evaluation.elements_on_right_instance / named if named else np.nan, "", True),
         Metric("time", seconds, "s", False),
+    ]
+
+
+def depth_metrics(depth: DepthError | None) -> list[Metric]:
+    """Depth errors in metres, and the shares of pixels that are near; without values where there is no depth."""
+    errors = (np.nan,) * 3 if depth is None else (depth.mean, depth.trimmed_mean, depth.median)
+    shares = (None, None) if depth is None else (depth.within_5cm, depth.within_10cm)
+    keys = ("depth_error", "depth_error_trimmed", "depth_error_median")
+    return [
+        *(Metric(key, error, "m", False) for key, error in zip(keys, errors, strict=True)),
+        *(
+            Metric(key, np.nan if share is None else share, "", True)
+            for key, share in zip(("within_5cm", "within_10cm"), shares, strict=True)
+        ),
     ]
 
 

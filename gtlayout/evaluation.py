@@ -25,6 +25,8 @@ from gtlayout.scene import FloatArray, Scene
 
 WORST_SHARE = 0.01
 """Real depth maps hold up to 1 % gross outliers."""
+CLOSE_M, NEAR_M = 0.05, 0.1
+"""What a user of a floor plan would call right, and what still tells which wall is which."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +38,12 @@ class DepthError:
     trimmed_mean: float
     """Without the worst 1 % of pixels."""
     median: float
+    within_5cm: float | None
+    """Share of all such pixels, those without a surface included; None where the unit is not the metre."""
+    within_10cm: float | None
     pixels: int
     missing: int
-    """Such pixels at which the layout has no surface; they are not in the figures above."""
+    """Such pixels at which the layout has no surface; they are in none of the three errors above."""
     by_instance: tuple[tuple[str, float, int], ...]
     """(name, mean error, pixels) of each instance whose visible parts have depth."""
 
@@ -156,10 +161,16 @@ def depth_error(scene: Scene, layout: Layout) -> DepthError | None:
         own = np.concatenate([error for error, owner in zip(errors, owners, strict=True) if owner == i])
         by_instance.append((layout.instances[i].name, float(own.mean()), len(own)))
     kept = max(1, int(np.ceil((1 - WORST_SHARE) * len(pooled))))
+    close, near = (
+        float(np.searchsorted(pooled, limit_m, side="right") / (len(pooled) + missing)) if scene.metric else None
+        for limit_m in (CLOSE_M, NEAR_M)
+    )
     return DepthError(
         mean=float(pooled.mean()),
         trimmed_mean=float(pooled[:kept].mean()),
         median=float(np.median(pooled)),
+        within_5cm=close,
+        within_10cm=near,
         pixels=len(pooled),
         missing=missing,
         by_instance=tuple(by_instance),

@@ -106,6 +106,9 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         table.add_row("depth error ε, mean", f"{depth.mean:.4f} {unit}")
         table.add_row("… without the worst 1 % of pixels", f"{depth.trimmed_mean:.4f} {unit}")
         table.add_row("… median", f"{depth.median:.4f} {unit}")
+        if depth.within_5cm is not None and depth.within_10cm is not None:
+            within = f"{100 * depth.within_5cm:.1f} %, {100 * depth.within_10cm:.1f} %"
+            table.add_row("pixels within 5 and 10 cm", within)
         table.add_row("… pixels (and without a surface)", f"{depth.pixels} ({depth.missing})")
         for name, mean, pixels in depth.by_instance:
             table.add_row(f"  {name}", f"{mean:.4f} {unit} on {pixels} px")

@@ -85,6 +85,7 @@ def test_known_depth_errors(tmp_path: Path) -> None:
     # 80 px go: the 40 gross ones and 40 of those that are 5 cm off.
     assert found.trimmed_mean == pytest.approx(3960 * 0.05 / 7920, abs=1e-5)
     assert found.median == pytest.approx(0.05, abs=1e-5)
+    assert found.within_10cm == 7960 / 8000
     (name, mean, pixels), (_, other, _) = found.by_instance
     assert (name, pixels) == ("wall_0", 4000)
     assert [mean, other] == pytest.approx([0.05, 40 * 3.0 / 4000], abs=1e-5)
@@ -114,6 +115,22 @@ def test_pixels_without_a_surface_are_counted(tmp_path: Path) -> None:
     assert (found.pixels, found.missing) == (2 * 70 * 80, 2 * 30 * 80)
     nothing = _evaluate(scene, [rooms.Surface("wall", rooms.facing(0, 0, 100, 80).corners - np.array([0, 20, 0]))])
     assert nothing.iou == 0.0
+
+
+def test_pixels_within_5_and_10_cm(tmp_path: Path) -> None:
+    """100 columns: 10 are 4 cm off, 20 are 8 cm off, 30 are 12 cm off, 25 exact, 15 without a surface."""
+    depth = _even(rooms.WALL_DEPTH)
+    for left, right, off in ((25, 35, 0.04), (35, 55, 0.08), (55, 85, 0.12)):
+        depth[:, left:right] += off
+    scene = _with_depth(_scene(tmp_path, [rooms.facing(0, 0, 100, 80)]), depth)
+    wall = rooms.facing(0, 0, 85, 80)
+    found = _evaluate(scene, [wall]).depth
+    assert found is not None
+    assert (found.within_5cm, found.within_10cm) == pytest.approx((0.35, 0.55))
+    without_unit = _evaluate(replace(scene, metric=False), [wall]).depth
+    assert without_unit is not None
+    assert (without_unit.within_5cm, without_unit.within_10cm) == (None, None)
+    assert without_unit.mean == found.mean
 
 
 def test_frames_without_depth_are_left_out(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from matplotlib import rcParams
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.scene import FloatArray
-from plots import per_scene, reliability, sigma_against_error
+from plots import by_variant, per_scene, reliability, sigma_against_error
 
 RNG = np.random.default_rng(0)
 SCENES = [f"scene{i:04d}" for i in range(64)]
@@ -64,6 +64,23 @@ def test_sigma_against_error_draws_whatever_there_is(tmp_path: Path, sigma: list
     groups = ["floor", "wall"] * len(sigma)
     sigma_against_error(tmp_path / "s.png", np.array(sigma), np.array(error), groups[: len(sigma)], "offset", "m")
     assert _is_picture(tmp_path / "s.png")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "scenes",
+    [
+        pytest.param({"a": [("roll", 0.9), ("roll", 0.8), ("none", 1.0)], "b": [("none", 0.7)]}, id="two scenes"),
+        pytest.param({f"scene {k}": [("roll", k / 12)] for k in range(12)}, id="more than colours"),
+        pytest.param({"a": [("roll", np.nan)]}, id="NaN only"),
+        pytest.param({}, id="nothing"),
+    ],
+)
+def test_by_variant_draws_whatever_there_is(tmp_path: Path, scenes: dict[str, list[tuple[str, float]]]) -> None:
+    by_variant(tmp_path / "v.png", {"IoU": scenes, "planes": scenes}, ["roll", "none"])
+    image = cv2.imread(str(tmp_path / "v.png"))
+    assert image is not None
+    assert float(image.std()) > 5
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
