@@ -49,7 +49,7 @@ def plane_error_at(
     tilts = turned * (np.arctan2(sine, plane.normal @ true_normal) / sine if sine > 0 else 1.0)
     to_point = np.zeros((PLANE_DOF, 4))
     to_point[:2, :3] = across
-    to_point[2] = np.append(point_world, 1.0)
+    to_point[2] = np.append(point_world - plane.anchor, 1.0)
     error = np.append(tilts, (true_normal - plane.normal) @ point_world + true_d - plane.d)
     return error, to_point @ plane.covariance @ to_point.T
 

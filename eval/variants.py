@@ -35,17 +35,22 @@ class Similarity:
 
     def undone(self, layout: Layout, metric: bool) -> Layout:
         """A layout of the given world in the original one; without its mesh and dimensions."""
-        back = np.eye(4)
-        back[:3, :3] = self.R.T
-        back[3] = np.append(self.t, 1.0) / self.scale
-        planes = [self._plane(plane, back) for plane in layout.planes]
+        planes = [self._plane(plane) for plane in layout.planes]
         extents = [self._extent(extent) for extent in layout.extents]
         return Layout(layout.instances, tuple(planes), tuple(extents), Mesh.empty(), metric)
 
-    def _plane(self, plane: Plane, back: FloatArray) -> Plane:
-        normal_d = back @ np.append(plane.normal, plane.d)
-        covariance = back @ plane.covariance @ back.T
-        return replace(plane, normal=normal_d[:3], d=float(normal_d[3]), covariance=covariance, sigma_depth_m=np.nan)
+    def _plane(self, plane: Plane) -> Plane:
+        # About its own anchor, which moves along, a covariance is only turned and scaled.
+        back = np.diag([0.0, 0.0, 0.0, 1 / self.scale])
+        back[:3, :3] = self.R.T
+        return replace(
+            plane,
+            normal=self.R.T @ plane.normal,
+            d=float(plane.d + plane.normal @ self.t) / self.scale,
+            covariance=back @ plane.covariance @ back.T,
+            anchor=self.R.T @ (plane.anchor - self.t) / self.scale,
+            sigma_depth_m=np.nan,
+        )
 
     def _extent(self, extent: Extent) -> Extent:
         frame = PlaneFrame(self.R.T @ (extent.frame.origin - self.t) / self.scale, extent.frame.axes @ self.R)

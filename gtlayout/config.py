@@ -262,7 +262,7 @@ class EstimationConfig:
     max_moved_share: float = 0.3
     """… or that moved a plane by this share of its depth …"""
     max_plane_growth: float = 10.0
-    """… though what is known of it then costs so much more, as a negative log-likelihood. Usual are 3 at most."""
+    """… though what is known of it then costs so much more, as a negative log-likelihood. Usual are 5 at most."""
     min_moved_share: float = 0.2
     """Share of tracks that must show parallax; below it the camera does not move."""
     unobservable_depth: float = 5.0

@@ -79,6 +79,13 @@ class Plane:
     that d would lose the digits that σ is made of."""
 
     @property
+    def covariance_world(self) -> FloatArray:
+        """(4, 4) covariance of (normal, d) itself."""
+        from_anchor = np.eye(4)
+        from_anchor[3, :3] = -self.anchor
+        return from_anchor @ self.covariance @ from_anchor.T
+
+    @property
     def sigma_normal_deg(self) -> float:
         """σ of the normal's direction, degrees: the larger of its two principal axes; NaN when nothing is known."""
         if not np.isfinite(self.covariance).all():

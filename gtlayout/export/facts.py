@@ -36,7 +36,7 @@ def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
         "held_by": plane.support.held_by,
         "normal_world": _row(plane.normal),
         "d_world": repr(float(plane.d)),
-        "covariance_world": "; ".join(_row(row) for row in plane.covariance),
+        "covariance_world": "; ".join(_row(row) for row in plane.covariance_world),
     }
     return {
         **{name: value for name, value in numbers.items() if np.isfinite(value)},

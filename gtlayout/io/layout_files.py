@@ -116,6 +116,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "normal": plane.normal,
                     "d": plane.d,
                     "covariance": plane.covariance,
+                    "anchor": plane.anchor,
                     "observable": plane.observable,
                     "note": plane.note,
                     "support": asdict(plane.support),
@@ -141,7 +142,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "seed": config.seed,
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
-        "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, d); world frame of the input cameras"
+        "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); world frame of the input cameras"
         "; vertex_sigma along the normal, the largest of the elements that share the vertex",
         "accepted": quality.accepted,
         "predicted": quality.predicted,
@@ -200,6 +201,7 @@ def _read_element(
             plane["note"],
             _read_support(plane["support"]),
             float(_numbers(plane["sigma_depth"])) if metric else np.nan,
+            _numbers(plane["anchor"]).reshape(3),
         ),
         Extent(frame, _region(row["extent"]["polygons"], frame), _region(row["extent"]["unrefined"], frame)),
     )

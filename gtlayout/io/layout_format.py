@@ -39,7 +39,9 @@ class PlaneRow(TypedDict):
     d: NumberOrNull
     """World unit."""
     covariance: Annotated[FloatArray, Shape((4, 4), _NUMBER_OR_NULL)]
-    """Of (normal, d) in the world frame; rank 3; nulls when nothing places the plane."""
+    """Of (normal, normal · anchor + d) in the world frame; rank 3; nulls when nothing places the plane."""
+    anchor: Annotated[FloatArray, Shape((3,))]
+    """The world's origin, or, where that is so far away that (normal, d) loses digits, a point amid the cameras."""
     observable: bool
     """False when nothing but priors determines the plane: its numbers then mean nothing."""
     note: str
