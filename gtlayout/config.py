@@ -112,7 +112,7 @@ class CorrespondenceConfig:
 
 @dataclass(frozen=True)
 class EdgeConfig:
-    """Stage 3."""
+    """Stage 3. Pixels are those of an image of 640x480; see ``Camera.hand_px`` for others."""
 
     max_gap_px: float = 4.0
     """Two boundaries closer than this run along each other."""
@@ -130,7 +130,10 @@ class EdgeConfig:
 
 @dataclass(frozen=True)
 class InitializationConfig:
-    """Stage 4, starting planes: costs by which hypotheses are chosen (σ of tracks is whitened already)."""
+    """Stage 4, starting planes: costs by which hypotheses are chosen (σ of tracks is whitened already).
+
+    Pixels are those of an image of 640x480; see ``Camera.hand_px`` for others.
+    """
 
     draws: int = 100
     """Hypotheses from random tracks."""
@@ -184,7 +187,10 @@ class UncertaintyConfig:
 
 @dataclass(frozen=True)
 class EstimationConfig:
-    """Stage 4: noise model. The unit of length is 1/2.5 of the median depth: about a metre in a room."""
+    """Stage 4: noise model. The unit of length is 1/2.5 of the median depth: about a metre in a room.
+
+    Pixels of drawings (not of tracks) are those of an image of 640x480; see ``Camera.hand_px`` for others.
+    """
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
