@@ -143,7 +143,8 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); "
-        "world frame of the input cameras; vertex_sigma along the normal, the largest of the elements that share the vertex",
+        "world frame of the input cameras; vertex_sigma along the normal, the largest of the elements that share the "
+        "vertex",
         "accepted": quality.accepted,
         "predicted": quality.predicted,
         "sigma_depth_share": quality.sigma_depth_share,
