@@ -76,9 +76,7 @@ def _openings_in(host: Extent, openings: Sequence[Extent]) -> BaseGeometry:
     """The openings' outlines, dropped onto the host's plane, in its frame."""
     return shapely.union_all(
         [
-            shapely.make_valid(
-                shapely.transform(one.region, lambda uv, frame=one.frame: host.frame.to_plane(frame.to_world(uv)))
-            )
+            polygons(shapely.transform(one.region, lambda uv, frame=one.frame: host.frame.to_plane(frame.to_world(uv))))
             for one in openings
         ]
     )
