@@ -52,7 +52,9 @@ def compute_extents(
     touching = _unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
     regions = [
         _tidy(
-            _refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], grid, config),
+            _refine(
+                region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], grid, config
+            ),
             grid,
             config,
         )
@@ -209,7 +211,7 @@ def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
 
 
 def _tidy(geometry: BaseGeometry, grid: float, config: ExtentConfig) -> MultiPolygon:
-    """Without the slivers that hand-drawn neighbours leave, tiny pieces and tiny holes, and without corners on a line."""
+    """Without the tiny pieces and holes that hand-drawn neighbours leave, and without corners on a straight line."""
     parts = polygons(shapely.normalize(shapely.simplify(geometry, _STRAIGHT_STEPS * grid)))
     least = config.min_piece * parts.area
     return MultiPolygon(
@@ -260,7 +262,11 @@ def _runs(points_px: FloatArray) -> BaseGeometry:
 
 
 def _refine(
-    region: MultiPolygon, frame: PlaneFrame, neighbours: Iterable[tuple[Plane, BaseGeometry]], grid: float, config: ExtentConfig
+    region: MultiPolygon,
+    frame: PlaneFrame,
+    neighbours: Iterable[tuple[Plane, BaseGeometry]],
+    grid: float,
+    config: ExtentConfig,
 ) -> MultiPolygon:
     """Both 10 % rules: first extend towards every neighbour, then cut what pokes through."""
     area = region.area

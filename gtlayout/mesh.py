@@ -82,7 +82,9 @@ def _openings_in(host: Extent, openings: Sequence[Extent]) -> BaseGeometry:
     )
 
 
-def _take_over(region: MultiPolygon, extent: Extent, others_world: FloatArray, reach: float, grid: float) -> MultiPolygon:
+def _take_over(
+    region: MultiPolygon, extent: Extent, others_world: FloatArray, reach: float, grid: float
+) -> MultiPolygon:
     """A region whose boundary passes through the vertices of others that lie on it, to the grid's precision."""
     if region.is_empty or len(others_world) == 0:
         return region
@@ -90,8 +92,7 @@ def _take_over(region: MultiPolygon, extent: Extent, others_world: FloatArray, r
     height = np.linalg.norm(others_world - extent.frame.to_world(uv), axis=1)
     near = uv[height < reach]
     near = near[shapely.distance(shapely.points(near), region.boundary) < reach] if len(near) else near
-    # On the grid, for rounding alone would choose the diagonals of rectangles. Snapping may pinch a thin part to a line,
-    # which is dropped.
+    # On the grid, or rounding chooses the diagonals of rectangles. Snapping may pinch a thin part to a line: dropped.
     near = grid * np.round(near / grid)
     snapped = polygons(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
     return snapped if abs(snapped.area - region.area) < 0.1 * region.area else region

@@ -48,8 +48,7 @@ def furnish(plan: Plan, rng: np.random.Generator) -> list[Box]:
     boxes: list[Box] = []
     for room, makers in enumerate(_MAIN_AND_SECOND[: len(plan.lamps_world)]):
         floor = plan.floor(room)
-        # Outlines that run on top of each other but for the last bit leave lines beside the polygons: a collection, which
-        # covers nothing.
+        # Outlines that coincide but for the last bit leave lines beside polygons: a collection, which covers nothing.
         free = polygons(floor - plan.clear)
         if room == 0:
             table = _table(rng)
