@@ -23,6 +23,11 @@ from gtlayout.scene import OPENINGS, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
 
+_VOTE_DECIMALS = 9
+"""Votes are counts and shares of counts: what adding them up in another order changes is cut off, so that as many votes
+are as many on every processor.
+"""
+
 
 def correspond(
     scene: Scene, tracks: Tracks, rays: Rays, config: CorrespondenceConfig
@@ -42,7 +47,7 @@ def correspond(
     seen_on = _elements_under_tracks(scene, tracks, first_of)
     votes = _track_votes(seen_on, tracks, first_of)
     votes += config.carried_weight * _carried_votes(scene, tracks, rays, first_of, config)
-    votes = votes + votes.T
+    votes = np.round(votes + votes.T, _VOTE_DECIMALS)
     same_label = np.array([[a == b for b in labels] for a in labels])
     votes[~same_label] = 0.0
 
@@ -141,7 +146,7 @@ def _join_across_gaps(group: IntArray, key_frame_of: IntArray, votes: FloatArray
     """Merge chains that vote for each other and share no key frame, best supported first."""
     names, group = np.unique(group, return_inverse=True)
     chain = np.eye(len(names), dtype=bool)[group]
-    support = chain.T @ votes @ chain
+    support = np.round(chain.T @ votes @ chain, _VOTE_DECIMALS)
     shown = np.zeros((len(names), key_frame_of.max() + 1), dtype=bool)
     shown[group, key_frame_of] = True
     while True:

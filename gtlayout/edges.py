@@ -17,6 +17,10 @@ from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
 _MOST_CANDIDATES = 64
 """Points of an edge whose pairs are tried as its line: all pairs of a long edge would be too many."""
+_ROUNDING_PX = 1e-6
+"""Corners are drawn on whole pixels: lengths that are a whole number of steps are so but for rounding."""
+_DECIMALS = 6
+"""Of a pixel."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +72,9 @@ def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: Edg
     lines = [part for part in shapely.get_parts(near) if part.geom_type == "LineString" and part.length > 0]
     pieces = shapely.get_parts(shapely.line_merge(MultiLineString(lines)))
     samples = [
-        shapely.line_interpolate_point(line, np.arange(config.step_px / 2, line.length, config.step_px))
+        shapely.line_interpolate_point(line, np.arange(config.step_px / 2, line.length - _ROUNDING_PX, config.step_px))
         for line in pieces
-        if line.length >= 2 * config.max_gap_px
+        if line.length >= 2 * config.max_gap_px - _ROUNDING_PX
     ]
     if not samples:
         return np.empty((0, 2))
@@ -95,6 +99,7 @@ def _on_one_line(points_px: FloatArray, tolerance_px: float) -> FloatArray:
     offset = np.sum(normal * candidates[first], axis=1)
     distance = np.abs(points_px @ normal.T - offset)
     # Truncated absolute distance: the count decides, closeness breaks its ties.
-    best = np.argmin(np.minimum(distance, tolerance_px).sum(axis=0))
+    # Rounded: of the many lines through corners drawn on one line, the first is taken.
+    best = np.argmin(np.minimum(distance, tolerance_px).sum(axis=0).round(_DECIMALS))
     kept: FloatArray = points_px[distance[:, best] < tolerance_px]
     return kept[np.argsort(kept @ along[best], kind="stable")]

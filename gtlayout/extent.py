@@ -20,6 +20,11 @@ _GAP_STEPS = 4.0
 """Samples of a contact edge further apart than so many usual steps have something hidden between them."""
 _CONTACT_PX = 0.1
 """A contact edge's line is kept to this."""
+_GRID_SHARE = 1e-9
+_ON_LINE_STEPS = 10.0
+"""A region that ends on a line, to the grid's precision, may reach beyond it by less than so many of its steps."""
+_STRAIGHT_STEPS = 1e3
+"""A corner so near to the line through its neighbours (some micrometres in a room) is none."""
 _BOX = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
@@ -35,10 +40,11 @@ def compute_extents(
     A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable
     planes get empty regions.
     """
-    max_depth = config.max_depth_ratio * median_depth(scene, instances, planes)
+    depth = median_depth(scene, instances, planes)
+    max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [_plane_frame(plane, scene) for plane in planes]
     unrefined = [
-        _tidy(_consensus(scene, instances, i, planes, frames[i], max_depth, config), config)
+        _tidy(_consensus(scene, instances, i, planes, frames[i], max_depth, grid, config), grid, config)
         if planes[i].observable
         else MultiPolygon()
         for i in range(len(instances))
@@ -46,7 +52,10 @@ def compute_extents(
     touching = _unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
     regions = [
         _tidy(
-            _refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], config),
+            _refine(
+                region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], grid, config
+            ),
+            grid,
             config,
         )
         for i, region in enumerate(unrefined)
@@ -98,6 +107,15 @@ def polygons(geometry: BaseGeometry) -> MultiPolygon:
     )
 
 
+def grid_for(size: float) -> float:
+    """The step of the grid on which geometry of this size lies: a power of two, so that its coordinates are exact.
+
+    What only rounding tells apart, and with it one kind of processor from another, is one there: no decision hangs on
+    the last bit. 0, no grid, for a size that is not finite.
+    """
+    return float(np.exp2(np.floor(np.log2(_GRID_SHARE * size)))) if np.isfinite(size) else 0.0
+
+
 def _flat(geometry: BaseGeometry) -> BaseGeometry:
     """A collection without nested collections."""
     parts = shapely.get_parts(shapely.get_parts(geometry))
@@ -137,6 +155,7 @@ def _consensus(
     planes: Sequence[Plane],
     frame: PlaneFrame,
     max_depth: float,
+    grid: float,
     config: ExtentConfig,
 ) -> BaseGeometry:
     """What most key frames say an instance covers, in its plane's frame.
@@ -168,12 +187,11 @@ def _consensus(
     if all(region.is_empty for region in seen):
         return MultiPolygon()
     # Two frames' boundaries may run on top of each other: on a grid they cross cleanly, and no face is lost.
-    grid = 1e-9 * float(np.abs([region.bounds for region in seen if not region.is_empty]).max())
     lines = shapely.union_all([region.boundary for region in seen + contradicted], grid_size=grid)
     faces = shapely.get_parts(shapely.polygonize([lines]))
     inside = shapely.get_coordinates(shapely.point_on_surface(faces))
     votes = _count(seen, inside)
-    return shapely.union_all(faces[(votes > 0) & (votes >= _count(contradicted, inside))])
+    return shapely.union_all(faces[(votes > 0) & (votes >= _count(contradicted, inside))], grid_size=grid)
 
 
 def _lift(
@@ -192,9 +210,9 @@ def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
     return count
 
 
-def _tidy(geometry: BaseGeometry, config: ExtentConfig) -> MultiPolygon:
-    """Without the slivers that hand-drawn neighbours leave: tiny pieces and tiny holes."""
-    parts = polygons(geometry)
+def _tidy(geometry: BaseGeometry, grid: float, config: ExtentConfig) -> MultiPolygon:
+    """Without the tiny pieces and holes that hand-drawn neighbours leave, and without corners on a straight line."""
+    parts = polygons(shapely.normalize(shapely.simplify(geometry, _STRAIGHT_STEPS * grid)))
     least = config.min_piece * parts.area
     return MultiPolygon(
         [
@@ -244,7 +262,11 @@ def _runs(points_px: FloatArray) -> BaseGeometry:
 
 
 def _refine(
-    region: MultiPolygon, frame: PlaneFrame, neighbours: Iterable[tuple[Plane, BaseGeometry]], config: ExtentConfig
+    region: MultiPolygon,
+    frame: PlaneFrame,
+    neighbours: Iterable[tuple[Plane, BaseGeometry]],
+    grid: float,
+    config: ExtentConfig,
 ) -> MultiPolygon:
     """Both 10 % rules: first extend towards every neighbour, then cut what pokes through."""
     area = region.area
@@ -262,11 +284,11 @@ def _refine(
     for line, contact in touching:
         gap = _gap(region, line, contact)
         if gap.area <= config.max_growth * area:
-            region = polygons(region.union(gap))
+            region = polygons(shapely.union(region, gap, grid_size=grid))
     for line, contact in touching:
-        beyond = _beyond(region, line, contact)
+        beyond = _beyond(region, line, contact, _ON_LINE_STEPS * grid)
         if beyond.area <= config.max_cut * area:
-            region = polygons(region.difference(beyond))
+            region = polygons(shapely.difference(region, beyond, grid_size=grid))
     return region
 
 
@@ -299,14 +321,15 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseG
     quads = []
     for part in shapely.get_parts(_flat(boundary)):
         points = shapely.get_coordinates(part)
-        feet = points - (_homogeneous(points) @ line)[:, None] * line[:2]
-        # A hair into the region, so that the union leaves no seam.
-        points = points + 1e-6 * reach * line[:2]
+        height = (_homogeneous(points) @ line)[:, None]
+        feet = points - height * line[:2]
+        # A point on the line is its own foot: rounding must not put it beyond, where the quad would cross itself.
+        points = feet + np.maximum(height, 0.0) * line[:2]
         quads += [Polygon([*points[k : k + 2], *feet[k : k + 2][::-1]]) for k in range(len(points) - 1)]
     return shapely.union_all([quad for quad in quads if quad.is_valid])
 
 
-def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
+def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, least: float) -> BaseGeometry:
     """What pokes through the neighbour's plane: the part beyond the intersection line, alongside the contact.
 
     A piece that lies mostly alongside goes whole, for a contact may be seen in part only. Of others, an alcove or the
@@ -321,6 +344,8 @@ def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> Ba
         first, last = points[np.argmin(points @ along)], points[np.argmax(points @ along)]
         bands.append(Polygon([first, last, last - depth * across, first - depth * across]))
     alongside = shapely.union_all(bands)
-    pieces = polygons(region.intersection(half_plane(-line, region)))
-    parts = [(piece, piece.intersection(alongside)) for piece in pieces.geoms]
-    return shapely.union_all([piece if part.area >= piece.area / 2 else part for piece, part in parts])
+    # Where the region ends on the line, rounding leaves threads beyond it, which must not tie pieces together.
+    pieces = polygons(region.intersection(half_plane(-line - [0.0, 0.0, least], region)))
+    parts = [(piece, polygons(piece.intersection(alongside))) for piece in pieces.geoms]
+    cut = shapely.union_all([piece if part.area >= piece.area / 2 else part for piece, part in parts])
+    return shapely.union(cut, shapely.transform(cut, lambda uv: uv + least * across))

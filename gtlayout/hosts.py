@@ -15,6 +15,8 @@ _HOST_LABELS: dict[Label, tuple[Label, ...]] = {
 }
 _REACH_PX = 4.0
 """Annotators' lines for the two sides of one border differ by a few pixels."""
+_DECIMALS = 6
+"""Of a pixel."""
 
 
 def find_hosts(scene: Scene, instances: Sequence[Instance]) -> list[int | None]:
@@ -28,7 +30,8 @@ def find_hosts(scene: Scene, instances: Sequence[Instance]) -> list[int | None]:
             for b, host in here.items():
                 if instances[host].label in _HOST_LABELS[instances[opening].label]:
                     shared[opening, host] += _shared_border_px(key_frame.elements[a], key_frame.elements[b])
-    return [int(np.argmax(row)) if row.any() else None for row in shared]
+    # Rounded, the first of those that share the whole border wins, whatever the last bit of its length is.
+    return [int(np.argmax(row)) if row.any() else None for row in shared.round(_DECIMALS)]
 
 
 def _shared_border_px(opening: Element, host: Element) -> float:

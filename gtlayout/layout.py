@@ -119,7 +119,8 @@ class PlaneFrame:
     @classmethod
     def across(cls, normal: FloatArray, origin: FloatArray) -> PlaneFrame:
         """A frame on the plane through ``origin`` with that unit normal."""
-        e_u = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+        # Rounded: the frame of a floor does not turn by 90° with the sign of what is zero but for rounding.
+        e_u = np.cross(np.eye(3)[np.argmin(np.abs(normal).round(9))], normal)
         e_u /= np.linalg.norm(e_u)
         return cls(origin, np.stack([e_u, np.cross(normal, e_u)]))
 

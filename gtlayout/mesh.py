@@ -9,10 +9,10 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from shapely import MultiPoint
+from shapely import MultiPoint, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.extent import polygons
+from gtlayout.extent import grid_for, polygons
 from gtlayout.layout import Extent, Instance, Mesh, Plane
 from gtlayout.scene import FloatArray, IntArray
 
@@ -25,23 +25,29 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
 
     Where two elements touch, each takes over the other's vertices along the common line and both are welded there.
     """
+    outlines = [extent.frame.to_world(shapely.get_coordinates(extent.region)) for extent in extents]
+    everything = np.concatenate(outlines) if outlines else np.empty((0, 3))
+    if len(everything) == 0:
+        return Mesh.empty()
+    size = float(np.linalg.norm(np.ptp(everything, axis=0)))
+    reach, grid = _WELD_SHARE * size, grid_for(size)
     regions = [
-        shapely.difference(
-            extent.region, _openings_in(extent, [extents[j] for j in range(len(extents)) if instances[j].host == i])
+        polygons(
+            shapely.difference(
+                extent.region,
+                _openings_in(extent, [extents[j] for j in range(len(extents)) if instances[j].host == i]),
+                grid_size=grid,
+            )
         )
         for i, extent in enumerate(extents)
     ]
     corners = [
         extent.frame.to_world(shapely.get_coordinates(region)) for region, extent in zip(regions, extents, strict=True)
     ]
-    everything = np.concatenate(corners) if corners else np.empty((0, 3))
-    if len(everything) == 0:
-        return Mesh.empty()
-    reach = _WELD_SHARE * float(np.linalg.norm(np.ptp(everything, axis=0)))
     triangles, owners = [], []
     for i, (region, extent) in enumerate(zip(regions, extents, strict=True)):
         others = np.concatenate([corner for j, corner in enumerate(corners) if j != i] or [np.empty((0, 3))])
-        parts = _triangulate(_take_over(region, extent, others, reach))
+        parts = _triangulate(_take_over(region, extent, others, reach, grid))
         for part in parts:
             triangles.append(extent.frame.to_world(part))
             owners.append(i)
@@ -70,30 +76,31 @@ def _openings_in(host: Extent, openings: Sequence[Extent]) -> BaseGeometry:
     """The openings' outlines, dropped onto the host's plane, in its frame."""
     return shapely.union_all(
         [
-            shapely.make_valid(
-                shapely.transform(one.region, lambda uv, frame=one.frame: host.frame.to_plane(frame.to_world(uv)))
-            )
+            polygons(shapely.transform(one.region, lambda uv, frame=one.frame: host.frame.to_plane(frame.to_world(uv))))
             for one in openings
         ]
     )
 
 
-def _take_over(region: BaseGeometry, extent: Extent, others_world: FloatArray, reach: float) -> BaseGeometry:
-    """A region whose boundary passes through the vertices of others that lie on it."""
+def _take_over(
+    region: MultiPolygon, extent: Extent, others_world: FloatArray, reach: float, grid: float
+) -> MultiPolygon:
+    """A region whose boundary passes through the vertices of others that lie on it, to the grid's precision."""
     if region.is_empty or len(others_world) == 0:
         return region
     uv = extent.frame.to_plane(others_world)
     height = np.linalg.norm(others_world - extent.frame.to_world(uv), axis=1)
     near = uv[height < reach]
     near = near[shapely.distance(shapely.points(near), region.boundary) < reach] if len(near) else near
-    # Snapping may pinch a thin part to a line, which is dropped.
+    # On the grid, or rounding chooses the diagonals of rectangles. Snapping may pinch a thin part to a line: dropped.
+    near = grid * np.round(near / grid)
     snapped = polygons(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
     return snapped if abs(snapped.area - region.area) < 0.1 * region.area else region
 
 
-def _triangulate(region: BaseGeometry) -> list[FloatArray]:
+def _triangulate(region: MultiPolygon) -> list[FloatArray]:
     """(3, 2) corners of each triangle, counter-clockwise."""
-    found = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons(region)))
+    found = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     triangles = []
     for triangle in found:
         corners = shapely.get_coordinates(triangle)[:3]

@@ -22,6 +22,8 @@ _MOST_TRACKS = 100
 _MOST_PAIRS = 60
 """Pairs of drawings through which a single plane is tried."""
 _ITERATIONS = 15
+_SAME_SHARE = 1e-6
+"""Overlaps that differ by less are equal."""
 
 Members = tuple[tuple[int, int], ...]
 """(key frame, element) pairs."""
@@ -216,5 +218,7 @@ def _with_the_others(
         for plane, region in zip(sides, regions, strict=True):
             drawn = draw_on(scene, [member], plane, max_depth, extent).region
             overlap.append(drawn.intersection(region).area / drawn.area if drawn.area else 0.0)
-        whole[larger if overlap[0] == overlap[1] else int(overlap[1] > overlap[0])].append(member)
+        # A drawing that lies within both lies so in each but for rounding.
+        tied = abs(overlap[1] - overlap[0]) < _SAME_SHARE
+        whole[larger if tied else int(overlap[1] > overlap[0])].append(member)
     return tuple(sorted(whole[0])), tuple(sorted(whole[1]))

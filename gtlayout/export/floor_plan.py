@@ -28,6 +28,8 @@ BAND_SIGMAS = 2.0
 MAX_BAND_SHARE = 0.5
 """A band reaches no further to either side than this share of its wall's length: beyond, it says no more."""
 _BAND_POINTS = 9
+_SAME_SHARE = 1e-9
+"""Lengths that differ by less are equal."""
 
 
 @dataclass(frozen=True)
@@ -229,7 +231,9 @@ def _along_longest_wall(frame: PlaneFrame, lines: Sequence[Footprint]) -> PlaneF
     walls = [line for line in lines if line.label == "wall"]
     if not walls:
         return frame
-    down = max(walls, key=lambda wall: wall.length).inside
+    # The first of the longest: in a room of right angles two are as long, but for rounding.
+    longest = max(wall.length for wall in walls)
+    down = next(wall for wall in walls if wall.length > (1 - _SAME_SHARE) * longest).inside
     turn = np.array([[-down[1], down[0]], [-down[0], -down[1]]])
     return PlaneFrame(frame.origin, turn @ frame.axes)
 

@@ -13,6 +13,9 @@ from shapely import MultiPolygon
 from gtlayout.io.outlines import polygonal, united
 from gtlayout.scene import OPENINGS, Element, Label
 
+_SAME_PX2 = 0.75
+"""Overlaps that differ by less are a tie; corners on half pixels make areas that differ by quarters, halves or more."""
+
 
 @dataclass(frozen=True)
 class DrawnElement:
@@ -110,10 +113,11 @@ def _owner(part: DrawnVisible, whole: Sequence[DrawnElement], names: Sequence[st
         return said[0], None
     shared = shapely.intersection(part.region, np.array([whole[i].amodal for i in candidates], dtype=object))
     overlaps = dict(zip(candidates, shapely.area(shared).tolist(), strict=True))
-    best = max(candidates, key=lambda i: (round(overlaps[i]), whole[i].z_order, -whole[i].amodal.area), default=None)
-    if best is None or overlaps[best] == 0:
+    most = max(overlaps.values(), default=0.0)
+    if most == 0:
         return None, "a visible part lies on no element, dropped"
-    return best, note
+    tied = [i for i in candidates if overlaps[i] > most - _SAME_PX2]
+    return max(tied, key=lambda i: (whole[i].z_order, -whole[i].amodal.area)), note
 
 
 def _not_behind(element: DrawnElement, whole: Sequence[DrawnElement]) -> MultiPolygon:

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from gtlayout.extent import polygons
 from gtlayout.raster import rings_of
 from gtlayout.scene import Camera, FloatArray, KeyFrame
 from gtlayout.synth.render import uv1_over_z
@@ -32,7 +33,7 @@ def seen_extents(
     Returns polygons by surface name, each as its shell and holes, rings of (N, 3) points, m.
     """
     by_name = {surface.name: surface for surface in room.structure}
-    seen: dict[str, list[shapely.Geometry]] = defaultdict(list)
+    seen: dict[str, list[MultiPolygon]] = defaultdict(list)
     for camera, key_frame, names in views:
         for element in key_frame.elements:
             surface = by_name[names[element.id]]
@@ -47,14 +48,14 @@ def seen_extents(
     return extents
 
 
-def _on_surface(region_px: MultiPolygon, surface: Surface, camera: Camera) -> shapely.Geometry:
+def _on_surface(region_px: MultiPolygon, surface: Surface, camera: Camera) -> MultiPolygon:
     uv_from_px = uv1_over_z(surface, camera)
 
     def unproject(points_px: FloatArray) -> FloatArray:
         homogeneous = np.column_stack([points_px, np.ones(len(points_px))]) @ uv_from_px.T
         return homogeneous[:, :2] / homogeneous[:, 2:]
 
-    return shapely.make_valid(shapely.transform(region_px, unproject))
+    return polygons(shapely.transform(region_px, unproject))
 
 
 def _tidy(region: shapely.Geometry) -> list[Polygon]:

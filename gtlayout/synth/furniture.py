@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 
+from gtlayout.extent import polygons
 from gtlayout.scene import FloatArray
 from gtlayout.synth import textures
 from gtlayout.synth.plans import Plan
@@ -47,7 +48,8 @@ def furnish(plan: Plan, rng: np.random.Generator) -> list[Box]:
     boxes: list[Box] = []
     for room, makers in enumerate(_MAIN_AND_SECOND[: len(plan.lamps_world)]):
         floor = plan.floor(room)
-        free = floor - plan.clear
+        # Outlines that coincide but for the last bit leave lines beside polygons: a collection, which covers nothing.
+        free = polygons(floor - plan.clear)
         if room == 0:
             table = _table(rng)
             spot = plan.focus + rng.uniform(-0.25, 0.25, 2)
@@ -55,21 +57,21 @@ def furnish(plan: Plan, rng: np.random.Generator) -> list[Box]:
             placed = _beside(table, spot, yaw)
             if free.covers(placed):
                 boxes += table.moved(spot, yaw)
-                free -= placed.buffer(0.5)
+                free = polygons(free - placed.buffer(0.5))
         for make in makers:
             piece = make(rng)
             tall = piece.size[2] > LOW_M
-            allowed = (free - plan.low_only) & (plan.upright if tall and room == 0 else floor)
+            allowed = polygons(polygons(free - plan.low_only) & (plan.upright if tall and room == 0 else floor))
             found = _place(piece, floor, allowed, rng)
             if found is not None:
                 spot, yaw = found
                 boxes += piece.moved(spot, yaw)
-                free -= _beside(piece, spot, yaw)
+                free = polygons(free - _beside(piece, spot, yaw))
     return boxes
 
 
 def _place(
-    piece: Piece, floor: Polygon, allowed: shapely.Geometry, rng: np.random.Generator
+    piece: Piece, floor: Polygon, allowed: MultiPolygon, rng: np.random.Generator
 ) -> tuple[FloatArray, float] | None:
     """Where a piece may stand with its back to a wall: (2,) x, y and yaw; None when no place was found."""
     corners = shapely.get_coordinates(shapely.orient_polygons(floor).exterior)

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
+from gtlayout.extent import polygons
 from gtlayout.scene import OPENINGS
 from gtlayout.synth import textures
 from gtlayout.synth.plans import Panel, Plan
@@ -59,10 +60,11 @@ def _posters(
 ) -> tuple[tuple[float, float, float, float], ...]:
     """(u, v, width, height) of posters at eye height, clear of each other, of doors and windows, and of wall ends."""
     corners_uv = wall.frame.to_plane(wall.corners_world)
-    free: shapely.Geometry = Polygon(corners_uv).buffer(-0.1, join_style="mitre")
+    free = polygons(Polygon(corners_uv).buffer(-0.1, join_style="mitre"))
     for panel in panels:
         if panel.label in OPENINGS and np.abs((panel.corners_world - wall.corners_world[0]) @ wall.normal).max() < 1e-6:
-            free -= Polygon(wall.frame.to_plane(panel.corners_world)).buffer(0.1, join_style="mitre")
+            taken = Polygon(wall.frame.to_plane(panel.corners_world)).buffer(0.1, join_style="mitre")
+            free = polygons(free - taken)
     left = float(corners_uv[:, 0].min())
     found: list[tuple[float, float, float, float]] = []
     for _ in range(_POSTER_TRIES):
@@ -71,5 +73,5 @@ def _posters(
         poster = shapely.box(left + u, v, left + u + width, v + height)
         if free.covers(poster) and len(found) < _POSTERS:
             found.append((float(u), float(v), float(width), float(height)))
-            free -= poster.buffer(0.15)
+            free = polygons(free - poster.buffer(0.15))
     return tuple(found)

@@ -17,6 +17,8 @@ Light = Callable[[FloatArray, FloatArray], FloatArray]
 """(N, 3) points and their (3,) normal → (N,) brightness factors."""
 
 MIP_LEVELS = 6
+_SAME_TEXELS = 1e-6
+"""Furniture is a whole number of texels deep or wide, but for rounding, which must not add one more."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def make_surface(
     low = corners_uv.min(axis=0)
     frame = PlaneFrame(corners_world[0] + low @ axes, axes)
     corners_uv = corners_uv - low
-    shape = tuple(int(np.ceil(extent / TEXEL_M)) for extent in corners_uv.max(axis=0)[::-1])
+    shape = tuple(int(np.ceil(extent / TEXEL_M - _SAME_TEXELS)) for extent in corners_uv.max(axis=0)[::-1])
     albedo = cv2.GaussianBlur(paint(rng, (shape[0], shape[1])), (0, 0), 0.8)
     # Whole texels at every level, so that the levels stay aligned.
     beyond = [-size % 2 ** (MIP_LEVELS - 1) for size in shape]
