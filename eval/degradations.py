@@ -92,10 +92,11 @@ def _other_drawings(scene: Scene) -> Makers:
         )
     new[f"vertices jittered {JITTER_PX:g} px"] = lambda: _all_jittered(scene)
     new[f"element left out: {named}"] = lambda: {middle: [pair for pair in elements if pair[0] != chosen]}
-    new[f"element left out everywhere: {true_name}"] = lambda: {
-        k: [pair for pair in drawn(of) if truth.elements.get((k, pair[0])) != true_name]
-        for k, of in enumerate(scene.key_frames)
-    }
+    if true_name:
+        new[f"element left out everywhere: {true_name}"] = lambda: {
+            k: [pair for pair in drawn(of) if truth.elements.get((k, pair[0])) != true_name]
+            for k, of in enumerate(scene.key_frames)
+        }
     new["visible parts on furniture"] = lambda: {
         k: visible_on_furniture(drawn(of)) for k, of in enumerate(scene.key_frames)
     }

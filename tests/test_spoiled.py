@@ -18,6 +18,7 @@ import spoiled_drawings
 from degradations import degradations, kind_of
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
+from gtlayout.io.files import write_json_atomic
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Label, Scene
 from spoiled_cameras import path_length
@@ -262,6 +263,13 @@ def test_spoiled_scenes(scene: Scene, tmp_path: Path) -> None:
 def test_without_truth_nothing_can_be_judged(scene: Scene, tmp_path: Path) -> None:
     with pytest.raises(GtlayoutError, match=r"no gt_planes\.json"):
         degradations(replace(scene, root=tmp_path))
+
+
+def test_an_element_that_the_truth_does_not_name_is_left_out_in_its_frame_only(scene: Scene, tmp_path: Path) -> None:
+    write_json_atomic(tmp_path / "gt_planes.json", {"planes": {}, "elements": {}})
+    kinds = set(map(kind_of, degradations(replace(scene, root=tmp_path))))
+    assert "element left out" in kinds
+    assert "element left out everywhere" not in kinds
 
 
 def test_a_key_frame_that_loses_all_is_none(scene: Scene, tmp_path: Path) -> None:
