@@ -184,6 +184,9 @@ def carried(true: TruePlane, true_camera: Camera, camera: Camera) -> Plane:
     moved[:3, 3] = turn @ true_camera.t_cam_from_world - camera.R_cam_from_world.T @ camera.t_cam_from_world
     normal_d = np.linalg.solve(moved.T, np.append(true.normal, true.d))
     normal_d /= np.linalg.norm(normal_d[:3])
+    # A camera sees the side of a surface that its normal is on, whichever side a truth file calls the front.
+    if normal_d[:3] @ camera.center_world + normal_d[3] < 0:
+        normal_d = -normal_d
     return Plane(normal_d[:3], float(normal_d[3]), np.full((4, 4), np.nan), observable=True)
 
 
