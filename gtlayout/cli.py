@@ -79,7 +79,7 @@ def solve(
     from gtlayout.api import load, save
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
-    from gtlayout.report_table import camera_line, dimensions, element_table, reasons, verdict
+    from gtlayout.report_table import camera_line, dimensions, element_table, headline_text, measures, reasons
 
     config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load(scene_dir)
@@ -88,6 +88,7 @@ def solve(
         save(solution, out_dir)
 
     console = stdout()
+    console.print(headline_text(solution.quality.headline))
     console.print(element_table(solution.layout, solution.quality))
     for reason in reasons(solution.layout, solution.quality):
         console.print(reason, style="yellow")
@@ -99,7 +100,7 @@ def solve(
     if verbose:
         for stage, seconds in solution.timings_s.items():
             console.print(f"{stage:<16}{seconds:8.2f} s")
-    console.print(verdict(solution.scene, solution.layout, solution.quality))
+    console.print(measures(solution.scene, solution.layout, solution.quality))
     console.print(f"Results: {out_dir}")
 
 
@@ -122,10 +123,12 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     from gtlayout.api import load_solved
     from gtlayout.evaluation import evaluate as evaluate_layout
     from gtlayout.io.files import write_json_atomic
-    from gtlayout.report_table import evaluation_table
+    from gtlayout.report_table import evaluation_table, headline_text
 
     evaluation = evaluate_layout(*load_solved(scene_dir, layout))
-    stdout().print(evaluation_table(evaluation))
+    console = stdout()
+    console.print(headline_text(evaluation.headline))
+    console.print(evaluation_table(evaluation))
     if json is not None:
         write_json_atomic(json, asdict(evaluation))
 

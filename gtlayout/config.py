@@ -327,6 +327,11 @@ class ExtentConfig:
     """A key frame's polygon is clipped where its plane is farther than so many times the scene's median depth."""
     min_horizon_px: float = 10.0
     """… and where it comes this near to the plane's horizon: a pixel there moves the point by a tenth of its depth."""
+    max_sigma_depth_share: float = 0.5
+    """An element ends where the σ of its depth is more than this share of the depth: from there on two σ of the inverse
+    depth reach zero, and the surface may be anywhere from the camera to infinity …"""
+    max_sigma_growth: float = 2.0
+    """… and more than so many times the least on it: what is known nowhere keeps the shape that was drawn."""
     occluder_margin: float = 0.05
     """What is drawn nearer than a plane by more than this share of its depth may hide it, all else contradicts it."""
     min_piece: float = 0.005
@@ -358,6 +363,17 @@ class QualityConfig:
     """Named as a cause: tracks and contact edges disagree when so many of the tracks were given up …"""
     disagreeing_edge_px: float = 5.0
     """… or when the contact edges are so far from the line in which the planes meet: 3 σ of one drawn by hand."""
+    min_frame_iou: float = 0.5
+    """A scene with a key frame below this IoU is not trusted, whatever the mean: half of that frame is wrong."""
+    known_sigma_depth_share: float = 0.1
+    """Depth is known where its σ is at most this share of it …"""
+    min_known_share: float = 0.5
+    """… and a scene in which it is known for less than this share of the drawn pixels is of no use."""
+    min_ok_share: float = 0.5
+    """A scene is not trusted when less than this share of its drawn pixels lies on elements that are ok."""
+    max_reach: float = 5.0
+    """An element that reaches farther from every camera that saw it than so many times the median depth of all pixels
+    whose depth is known is out of all proportion."""
 
 
 @dataclass(frozen=True)

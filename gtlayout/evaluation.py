@@ -15,6 +15,7 @@ from gtlayout.element_scores import (
     plane_error,
 )
 from gtlayout.errors import GtlayoutError
+from gtlayout.headline import Headline
 from gtlayout.io.images import read_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
@@ -53,6 +54,8 @@ class Evaluation:
     """All figures; None where the scene lacks what they need."""
 
     metric: bool
+    headline: Headline
+    """What to do with the scene, in a word, and why."""
     iou: float
     accepted: bool
     sigma_depth_share: float
@@ -104,6 +107,7 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
     hits = found_in_truth(layout, quality, truth, match) if truth else found_in_annotations(layout, quality)
     return Evaluation(
         metric=scene.metric,
+        headline=quality.headline,
         iou=quality.iou,
         accepted=quality.accepted,
         sigma_depth_share=quality.sigma_depth_share,

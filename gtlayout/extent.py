@@ -11,6 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import ExtentConfig
 from gtlayout.edges import ContactEdge
+from gtlayout.known_part import known_part
 from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
@@ -38,16 +39,20 @@ def compute_extents(
     """Each instance's extent: the union of its unprojected polygons, refined to the planes it touches.
 
     A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable
-    planes get empty regions.
+    planes get empty regions. An extent ends where the depth is unknown.
     """
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [_plane_frame(plane, scene) for plane in planes]
-    unrefined = [
+    drawn = [
         _tidy(_consensus(scene, instances, i, planes, frames[i], max_depth, grid, config), grid, config)
         if planes[i].observable
         else MultiPolygon()
         for i in range(len(instances))
+    ]
+    unrefined = [
+        _ended(region, plane, frame, [scene.frame_of(k).camera for k, _ in instance.members], config)
+        for region, plane, frame, instance in zip(drawn, planes, frames, instances, strict=True)
     ]
     touching = _unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
     regions = [
@@ -60,7 +65,8 @@ def compute_extents(
         )
         for i, region in enumerate(unrefined)
     ]
-    return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, strict=True))
+    unknown = [max(all_of_it.area - rest.area, 0.0) for all_of_it, rest in zip(drawn, unrefined, strict=True)]
+    return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, unknown, strict=True))
 
 
 def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
@@ -139,6 +145,14 @@ def half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
             share = value[k] / (value[k] - value[(k + 1) % 4])
             ring.append(corners[k] + share * (corners[(k + 1) % 4] - corners[k]))
     return Polygon(ring) if len(ring) >= 3 else Polygon()
+
+
+def _ended(
+    region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], config: ExtentConfig
+) -> MultiPolygon:
+    """The region without what may be anywhere; ``cameras`` are those it was drawn in."""
+    known = known_part(region, plane, frame, cameras, config)
+    return region if known is region else _tidy(known, config)
 
 
 def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:

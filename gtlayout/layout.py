@@ -155,6 +155,8 @@ class Extent:
     """In ``frame``'s coordinates, world unit; may be empty."""
     unrefined: MultiPolygon
     """The same before refinement (the plain union of the unprojected polygons)."""
+    unknown_area: float = 0.0
+    """What was drawn beyond where the depth is known and was left out, square world units."""
 
 
 @dataclass(frozen=True)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+import shapely
 
 from gtlayout.causes import causes
 from gtlayout.config import QualityConfig
+from gtlayout.headline import Headline, headline
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth, render
@@ -48,11 +50,16 @@ class InstanceQuality:
     """Why it is not ok; empty when it is."""
     causes: tuple[str, ...] = ()
     """What makes it uncertain, the most important first; empty when it is certain enough or the cause is not known."""
+    drawn_share: float = 0.0
+    """Share of all drawn pixels that lie on it."""
+    reach: float = np.nan
+    """How far its extent reaches from the nearest camera that it was drawn in, in median depths of what is known; NaN
+    without extent, or when nothing is known."""
 
 
 @dataclass(frozen=True)
-class Quality:
-    """The verdict on a layout."""
+class Measures:
+    """What is measured of a layout: against the drawings, and by its covariances."""
 
     iou: float
     """Mean over the key frames of the mean over their structural elements. Doors and windows count as part of the wall
@@ -64,6 +71,8 @@ class Quality:
     """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
     predicted: Prediction
     """What the marginals alone say."""
+    known_share: float
+    """Share of the drawn pixels whose depth is known."""
     openings_iou: float | None
     """Mean IoU of the doors and windows that have a host; None when there are none."""
     frames: tuple[float, ...]
@@ -76,6 +85,31 @@ class Quality:
     """Index of the key frame with the lowest IoU."""
     worst_element: int
     """Index into ``elements`` of the lowest IoU: the one to redraw first."""
+
+
+@dataclass(frozen=True)
+class Quality(Measures):
+    """The verdict on a layout: a headline, and the measures it is made of."""
+
+    headline: Headline
+    """What to do with the scene, in a word, and why."""
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """Pixels of all key frames that something is drawn on, on a grid."""
+
+    instance: IntArray
+    """(N,) that lies on top."""
+    depth: FloatArray
+    """(N,) at which its plane is seen, world unit; NaN where it is not."""
+    sigma_share: FloatArray
+    """(N,) σ of that depth as a share of it, at most 1; 1 also where a plane is unobservable or not seen."""
+
+    def known_depth(self, config: QualityConfig) -> float:
+        """Median depth of the pixels whose depth is known, world unit; NaN when that are none."""
+        known = self.depth[self.sigma_share <= config.known_sigma_depth_share]
+        return float(np.median(known)) if len(known) else np.nan
 
 
 def assess(
@@ -91,22 +125,36 @@ def assess(
     frame_ious = mean_by_frame(scene, instances, elements)
     iou = float(np.nanmean(frame_ious))
     in_walls = [e.iou for e in elements if hosted[e.instance]]
-    share = sigma_depth_share(scene, instances, planes)
-    return Quality(
+    drawn = _drawn_pixels(scene, instances, planes)
+    share = float(drawn.sigma_share.mean()) if len(drawn.instance) else 1.0
+    known = drawn.sigma_share <= config.known_sigma_depth_share
+    known_depth = drawn.known_depth(config)
+    judged = []
+    for i, (instance, plane, extent) in enumerate(zip(instances, planes, extents, strict=True)):
+        one = _judge(
+            scene,
+            instance,
+            plane,
+            extent,
+            float(np.mean([e.iou for e in elements if e.instance == i])),
+            _reach(scene, instance, extent) / known_depth,
+            config,
+        )
+        judged.append(replace(one, drawn_share=float(np.mean(drawn.instance == i)) if len(drawn.instance) else 0.0))
+    measures = Measures(
         iou=iou,
         accepted=iou >= config.accept_iou,
         sigma_depth_share=share,
         predicted="trustworthy" if share <= config.trusted_sigma_depth_share else "doubtful",
+        known_share=float(known.mean()) if len(known) else 0.0,
         openings_iou=float(np.mean(in_walls)) if in_walls else None,
         frames=frame_ious,
         elements=elements,
-        instances=tuple(
-            _judge(scene, instance, plane, [e.iou for e in elements if e.instance == i], config)
-            for i, (instance, plane) in enumerate(zip(instances, planes, strict=True))
-        ),
+        instances=tuple(judged),
         worst_frame=int(np.nanargmin(frame_ious)),
         worst_element=int(np.argmin([e.iou for e in elements])),
     )
+    return Quality(**vars(measures), headline=headline(scene, instances, extents, measures, config))
 
 
 def element_ious(
@@ -125,12 +173,8 @@ def element_ious(
     return tuple(elements)
 
 
-def sigma_depth_share(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
-    """Mean over all drawn pixels of the σ of depth as a share of the depth, at most 1 each.
-
-    1 also where a plane is unobservable or is not seen at all; 1 when nothing is drawn.
-    """
-    shares = [np.empty(0)]
+def _drawn_pixels(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> _Drawn:
+    owners, depths, shares = [np.empty(0, dtype=np.int64)], [np.empty(0)], [np.empty(0)]
     for k in range(len(scene.key_frames)):
         camera = scene.frame_of(k).camera
         labels = annotated_labels(scene, instances, k)[::_STEP_PX, ::_STEP_PX]
@@ -138,9 +182,10 @@ def sigma_depth_share(scene: Scene, instances: Sequence[Instance], planes: Seque
             y, x = np.nonzero(labels == i)
             sigma, depth = _sigma_depth(planes[i], camera, np.column_stack([x, y]).astype(np.float64) * _STEP_PX + 0.5)
             known = planes[i].observable & (sigma < depth)
+            owners.append(np.full(len(x), i))
+            depths.append(depth)
             shares.append(np.where(known, sigma / depth, 1.0))
-    pooled = np.concatenate(shares)
-    return float(pooled.mean()) if len(pooled) else 1.0
+    return _Drawn(np.concatenate(owners), np.concatenate(depths), np.concatenate(shares))
 
 
 def mean_by_frame(scene: Scene, instances: Sequence[Instance], elements: Sequence[ElementIoU]) -> tuple[float, ...]:
@@ -166,10 +211,24 @@ def _iou(overlap: IntArray, own: Sequence[int]) -> float:
     return float(both / union) if union else 0.0
 
 
+def _reach(scene: Scene, instance: Instance, extent: Extent) -> float:
+    """How far an extent reaches from the nearest camera that it was drawn in, world unit; NaN without extent."""
+    if extent.region.is_empty or not instance.members:
+        return np.nan
+    corners = extent.frame.to_world(shapely.get_coordinates(extent.region))
+    centers = np.array([scene.frame_of(k).camera.center_world for k, _ in instance.members])
+    return float(np.linalg.norm(corners[:, None] - centers, axis=2).min(axis=1).max())
+
+
 def _judge(
-    scene: Scene, instance: Instance, plane: Plane, ious: Sequence[float], config: QualityConfig
+    scene: Scene,
+    instance: Instance,
+    plane: Plane,
+    extent: Extent,
+    iou: float,
+    reach: float,
+    config: QualityConfig,
 ) -> InstanceQuality:
-    iou = float(np.mean(ious))
     if not plane.observable:
         why = causes(instance, plane, config)
         return InstanceQuality(iou, np.nan, np.nan, np.nan, "unobservable", plane.note, why)
@@ -181,6 +240,12 @@ def _judge(
         uncertain.append(f"normal uncertain by more than {config.max_sigma_normal_deg:g}°")
     if not sigma_depth <= config.max_sigma_depth_share * depth:
         uncertain.append(f"depth uncertain by more than {100 * config.max_sigma_depth_share:g} %")
+    if extent.unknown_area > 0:
+        left, drawn = extent.region.area, extent.region.area + extent.unknown_area
+        unit = "m²" if scene.metric else "u²"
+        uncertain.append(f"its extent ends where its depth is unknown: {left:.3g} of {drawn:.3g} {unit} left")
+    if reach > config.max_reach:
+        wrong.append(f"its extent is out of all proportion: it reaches {reach:.1f} median depths far")
     return InstanceQuality(
         iou,
         sigma_normal_deg,
@@ -189,6 +254,7 @@ def _judge(
         "weak" if wrong or uncertain else "ok",
         "; ".join(wrong + uncertain),
         causes(instance, plane, config) if uncertain else (),
+        reach=reach,
     )
 
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from rich.box import SIMPLE
 from rich.table import Table
+from rich.text import Text
 
 from gtlayout.camera_refinement import CameraReport
 from gtlayout.evaluation import Evaluation
-from gtlayout.layout import Layout
+from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
+from gtlayout.headline import Headline, drawing
+from gtlayout.layout import Dimension, Layout
 from gtlayout.quality import Quality
 from gtlayout.scene import Scene
 
 _COLUMNS = ("instance", "label", "area", "frames", "tracks", "σ normal", "σ depth", "IoU", "verdict")
 _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
+_HEADLINE_STYLES = {"trust": "bold green", "check": "bold yellow", "redo": "bold red"}
 
 
 def element_table(layout: Layout, quality: Quality) -> Table:
@@ -39,48 +46,60 @@ def reasons(layout: Layout, quality: Quality) -> list[str]:
 
 def dimensions(layout: Layout) -> list[str]:
     """Heights and widths of the room with their σ: one line each, the most certain first."""
-    unit = "m" if layout.metric else "units"
+    unit = " m" if layout.metric else " units"
     names = [instance.name for instance in layout.instances]
     return [
-        f"{one.kind} {names[one.first]} – {names[one.second]}: {one.length:.3f} ± {one.sigma:.3f} {unit}"
-        for one in sorted(layout.dimensions, key=lambda one: (one.kind, one.sigma))
+        f"{one.kind} {names[one.first]} – {names[one.second]}: {with_sigma(one.length, one.sigma, 3, unit)}"
+        for one in most_certain_first(layout.dimensions)
     ]
+
+
+def most_certain_first(dimensions: Sequence[Dimension]) -> list[Dimension]:
+    """Heights before widths; those of unknown σ last."""
+    return sorted(dimensions, key=lambda one: (one.kind, one.sigma if math.isfinite(one.sigma) else math.inf))
 
 
 def camera_line(cameras: CameraReport, metric: bool) -> str:
     """One line: what refining the cameras came to."""
     if not cameras.refined:
         return f"cameras kept: refinement did not prove itself ({cameras.kept_because})"
-    shift = f"{100 * cameras.shift:.1f} cm" if metric else f"{cameras.shift:.3g} units"
+    shift = figure(100 * cameras.shift, 1, " cm") if metric else f"{short(cameras.shift)} units"
     return (
-        f"cameras refined: median {cameras.rotation_deg:.2f}° / {shift} moved, "
-        f"points left out {cameras.given_px:.2f} → {cameras.refined_px:.2f} px off"
+        f"cameras refined: median {figure(cameras.rotation_deg, 2, '°')} / {shift} moved, "
+        f"points left out {figure(cameras.given_px, 2)} → {figure(cameras.refined_px, 2)} px off"
     )
 
 
-def verdict(scene: Scene, layout: Layout, quality: Quality) -> str:
-    """One line: accepted or not by its IoU, what the marginals predict, and what to redraw first."""
+def headline_text(headline: Headline) -> Text:
+    """``CHECK: the first reason``, and a line for each of the others, in the word's colour."""
+    first, *others = headline.reasons
+    lines = [f"{headline.word.upper()}: {first}", *(f"  and {reason}" for reason in others)]
+    return Text("\n".join(lines), style=_HEADLINE_STYLES[headline.word])
+
+
+def measures(scene: Scene, layout: Layout, quality: Quality) -> str:
+    """One line: what the headline rests on: IoU and what the marginals predict, and the worst frame and drawing."""
     worst = quality.elements[quality.worst_element]
-    openings = "" if quality.openings_iou is None else f" (doors and windows alone {quality.openings_iou:.3f})"
     return (
-        f"{'Accepted' if quality.accepted else 'NOT accepted'}: IoU {quality.iou:.3f}{openings}. "
-        f"{_prediction(quality).capitalize()}. "
-        f"Worst frame {scene.frame_of(quality.worst_frame).name} ({quality.frames[quality.worst_frame]:.3f}), "
-        f"worst element {worst_drawing(scene, layout, quality)} ({worst.iou:.3f})."
+        f"{_accepted(quality)}; {_prediction(quality)}. "
+        f"Worst frame {scene.frame_of(quality.worst_frame).name} ({figure(quality.frames[quality.worst_frame], 3)}), "
+        f"worst element {worst_drawing(scene, layout, quality)} ({figure(worst.iou, 3)})."
     )
 
 
 def worst_drawing(scene: Scene, layout: Layout, quality: Quality) -> str:
-    """What to redraw first: the instance, and the annotator's id of its drawing with the frame."""
-    worst = quality.elements[quality.worst_element]
-    element = scene.key_frames[worst.key_frame].elements[worst.element].id
-    return f"{layout.instances[worst.instance].name} = {element} in {scene.frame_of(worst.key_frame).name}"
+    """The instance, and the annotator's id of its drawing with the frame."""
+    return drawing(scene, layout.instances, quality.elements[quality.worst_element])
 
 
 def markdown(layout: Layout, quality: Quality) -> str:
-    """The table of elements as Markdown."""
+    """Headline and table of elements as Markdown."""
+    first, *others = quality.headline.reasons
     lines = [
-        f"**{'Accepted' if quality.accepted else 'Not accepted'}**, IoU {quality.iou:.3f}; {_prediction(quality)}",
+        f"**{quality.headline.word}**: {first}",
+        *(f"- {reason}" for reason in others),
+        "",
+        f"{_accepted(quality)}; {_prediction(quality)}",
         "",
         "|" + "|".join(_COLUMNS) + "|",
         "|" + "---|" * len(_COLUMNS),
@@ -92,31 +111,33 @@ def markdown(layout: Layout, quality: Quality) -> str:
 
 def evaluation_table(evaluation: Evaluation) -> Table:
     """All figures of an evaluation, with their units."""
-    unit = "m" if evaluation.metric else "units"
+    unit = " m" if evaluation.metric else " units"
     table = Table(box=SIMPLE)
     table.add_column("measure")
     table.add_column("value", justify="right")
-    table.add_row("reprojection IoU", f"{evaluation.iou:.4f} ({'accepted' if evaluation.accepted else 'not accepted'})")
-    table.add_row("predicted σ of depth", f"{100 * evaluation.sigma_depth_share:.1f} % ({evaluation.predicted})")
+    table.add_row(
+        "reprojection IoU", f"{figure(evaluation.iou, 4)} ({'accepted' if evaluation.accepted else 'not accepted'})"
+    )
+    table.add_row("predicted σ of depth", f"{percent(evaluation.sigma_depth_share, 1)} ({evaluation.predicted})")
     if evaluation.openings_iou is not None:
-        table.add_row("IoU of doors and windows alone", f"{evaluation.openings_iou:.4f}")
+        table.add_row("IoU of doors and windows alone", figure(evaluation.openings_iou, 4))
     if evaluation.unobservable:
         table.add_row("unobservable", ", ".join(evaluation.unobservable))
     if (depth := evaluation.depth) is not None:
-        table.add_row("depth error ε, mean", f"{depth.mean:.4f} {unit}")
-        table.add_row("… without the worst 1 % of pixels", f"{depth.trimmed_mean:.4f} {unit}")
-        table.add_row("… median", f"{depth.median:.4f} {unit}")
+        table.add_row("depth error ε, mean", figure(depth.mean, 4, unit))
+        table.add_row("… without the worst 1 % of pixels", figure(depth.trimmed_mean, 4, unit))
+        table.add_row("… median", figure(depth.median, 4, unit))
         if depth.within_5cm is not None and depth.within_10cm is not None:
             within = f"{100 * depth.within_5cm:.1f} %, {100 * depth.within_10cm:.1f} %"
             table.add_row("pixels within 5 and 10 cm", within)
         table.add_row("… pixels (and without a surface)", f"{depth.pixels} ({depth.missing})")
         for name, mean, pixels in depth.by_instance:
-            table.add_row(f"  {name}", f"{mean:.4f} {unit} on {pixels} px")
+            table.add_row(f"  {name}", f"{figure(mean, 4, unit)} on {pixels} px")
     for plane in evaluation.planes:
         table.add_row(
             f"{plane.truth} ({plane.instance})",
-            f"{plane.normal_deg:.2f}° ± {plane.sigma_normal_deg:.2f}°, "
-            f"{plane.offset:.4f} ± {plane.sigma_offset:.4f} {unit} off",
+            f"{figure(plane.normal_deg, 2, '°')} ± {figure(plane.sigma_normal_deg, 2, '°')}, "
+            f"{figure(plane.offset, 4)} ± {figure(plane.sigma_offset, 4, unit)} off",
         )
     for name in evaluation.missing_planes:
         table.add_row(name, "no observable instance")
@@ -124,18 +145,25 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         table.add_row(
             "elements on the right instance", f"{evaluation.elements_on_right_instance} of {evaluation.elements}"
         )
-    table.add_row("precision and recall of elements", f"{evaluation.precision:.3f}, {evaluation.recall:.3f}")
+    table.add_row(
+        "precision and recall of elements", f"{figure(evaluation.precision, 3)}, {figure(evaluation.recall, 3)}"
+    )
     if evaluation.wrong:
         table.add_row("… instances that are not right", ", ".join(evaluation.wrong))
     return table
 
 
+def _accepted(quality: Quality) -> str:
+    alone = "" if quality.openings_iou is None else f", of doors and windows alone {figure(quality.openings_iou, 3)}"
+    return f"IoU {figure(quality.iou, 3)} ({'accepted' if quality.accepted else 'not accepted'}{alone})"
+
+
 def _prediction(quality: Quality) -> str:
-    return f"predicted {quality.predicted}: σ of depth {100 * quality.sigma_depth_share:.1f} %"
+    return f"σ of depth {percent(quality.sigma_depth_share, 1)} (predicted {quality.predicted})"
 
 
 def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
-    unit = "m" if layout.metric else "u"
+    unit = " m" if layout.metric else " u"
     rows: list[tuple[str, ...]] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
     for instance, plane, extent, judged in parts:
@@ -143,12 +171,12 @@ def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
             (
                 instance.name,
                 instance.label,
-                f"{extent.region.area:.2f} {unit}²",
+                figure(extent.region.area, 2, f"{unit}²"),
                 str(len(instance.members)),
                 str(plane.support.tracks),
-                f"{judged.sigma_normal_deg:.2f}°" if plane.observable else "–",
-                f"{judged.sigma_depth:.3f} {unit}" if plane.observable else "–",
-                f"{judged.iou:.3f}",
+                figure(judged.sigma_normal_deg, 2, "°"),
+                sigma_figure(judged.sigma_depth, judged.depth, 3, unit) if plane.observable else NOTHING,
+                figure(judged.iou, 3),
                 judged.verdict,
             )
         )

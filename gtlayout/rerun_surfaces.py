@@ -8,6 +8,7 @@ import trimesh
 
 from gtlayout.colors import Colors, sigma_colors, sigma_full
 from gtlayout.extent import median_depth
+from gtlayout.figures import with_sigma
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, IntArray, Scene
 
@@ -55,13 +56,13 @@ def log_uncertainty(recording: rr.RecordingStream, scene: Scene, layout: Layout)
         for side, sign in (("towards", 1.0), ("away", -1.0)):
             sheet = surface_of(vertices + sign * sigma[:, None] * plane.normal, faces, colors, SHEET_OPACITY)
             recording.log(f"world/sheets/{side}/{instance.name}", sheet, static=True)
-    unit = "m" if layout.metric else "units"
+    unit = " m" if layout.metric else " units"
     ends = np.array([dimension.ends_world for dimension in layout.dimensions]).reshape(-1, 2, 3)
     recording.log("world/dimensions", rr.LineStrips3D(ends, colors=_DIMENSION, radii=-1.5), static=True)
     # Not at their middles, where those of a room cross.
     labels = rr.Points3D(
         (1 - LABEL_AT) * ends[:, 0] + LABEL_AT * ends[:, 1],
-        labels=[f"{dimension.length:.3f} ± {dimension.sigma:.3f} {unit}" for dimension in layout.dimensions],
+        labels=[with_sigma(one.length, one.sigma, 3, unit) for one in layout.dimensions],
         colors=_DIMENSION,
         radii=-2.0,
     )

@@ -87,14 +87,15 @@ def test_solve_prints_table_timings_and_verdict(room: Path, solved: tuple[Path, 
         assert instance.name in printed
     for stage in ("tracking", "correspondence", "edges", "estimation", "extents", "mesh", "quality"):
         assert stage in printed
-    assert "Accepted: IoU" in printed
-    assert "Worst frame" in printed
     quality = json.loads((out / "quality.json").read_text())
-    assert f"Predicted {quality['predicted']}: σ of depth {100 * quality['sigma_depth_share']:.1f} %." in printed
+    assert quality["headline"]["word"] == "trust"
+    assert printed.splitlines()[0] == f"TRUST: {quality['headline']['reasons'][0]}"
+    assert f"\nIoU {quality['iou']:.3f} (accepted" in printed
+    assert "Worst frame" in printed
+    assert f"; σ of depth {100 * quality['sigma_depth_share']:.1f} % (predicted {quality['predicted']})." in printed
     assert "height floor_0 – ceiling_0: " in printed
     assert f"Results: {out}" in printed
-    table = printed.split("Accepted")[0].splitlines()
-    assert max(map(len, table[:8])) <= 80
+    assert max(map(len, printed.splitlines()[:9])) <= 80
 
 
 def test_two_runs_write_the_same_bytes(room: Path, solved: tuple[Path, str], tmp_path: Path) -> None:

@@ -159,7 +159,8 @@ def test_lengths_are_written_with_their_uncertainty() -> None:
     assert length_text(2.68247, 0.1588, True) == "2.68 ± 0.16 m"
     assert length_text(2.4596, 0.0004, True) == "2.460 ± 0.000 m"
     assert length_text(0.0123456, 0.00012, False) == "0.01235 ± 0.00012 units"
-    assert length_text(2.5, np.nan, True) == "2.500 ± ? m"
+    assert length_text(2.5, np.nan, True) == "2.500 m ± unknown"
+    assert length_text(2.5, 2048.5, True) == "2.500 m ± unknown"
 
 
 # The files of floor plans
@@ -227,7 +228,7 @@ def test_svg_prints_to_scale(tmp_path: Path, room: tuple[Scene, Layout]) -> None
     texts = [text.text or "" for text in root.findall(".//s:text", space)]
     assert "Unit: metre, scale 1:50" in texts
     assert sum(np.linalg.norm(line[1] - line[0]) for line in walls) == pytest.approx(1000 / 50 * 15.5, abs=0.05)
-    assert {"4.000 ± 0.012 m", "5.00 ± 0.20 m", "height floor_0 – ceiling_1: 2.500 ± ? m"} <= set(texts)
+    assert {"4.000 ± 0.012 m", "5.00 ± 0.20 m", "height floor_0 – ceiling_1: 2.500 m ± unknown"} <= set(texts)
     width, height = (float(root.attrib[name].removesuffix("mm")) for name in ("width", "height"))
     assert root.attrib["viewBox"] == f"0 0 {width:.2f} {height:.2f}"
     every = np.concatenate(walls)

@@ -24,7 +24,7 @@ from gtlayout.io.layout_files import read_layout, write_results
 from gtlayout.layout import Dimension, Extent, Layout, Plane, Support
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality import Quality, assess
-from gtlayout.report_table import dimensions, element_table, markdown, reasons, verdict
+from gtlayout.report_table import dimensions, element_table, headline_text, markdown, measures, reasons
 from gtlayout.scene import Scene
 
 DOOR = rooms.Surface("door", rooms.rectangle([1.5, 5.0, 0], [1.0, 0, 0], [0, 0, 2.0]), host=4)
@@ -44,7 +44,7 @@ def solved() -> tuple[Scene, Layout, Quality]:
     planes[1] = Plane(np.full(3, np.nan), np.nan, np.full((4, 4), np.nan), observable=False, note="no track places it")
     extents[1] = Extent(extents[1].frame, rooms.NOTHING, rooms.NOTHING)
     pieces = MultiPolygon([Polygon(box(0, 0, 3, 2.5).exterior, [box(1, 1, 2, 2).exterior.coords]), box(4, 0, 5, 2.5)])
-    extents[2] = Extent(extents[2].frame, pieces, extents[2].unrefined)
+    extents[2] = Extent(extents[2].frame, pieces, extents[2].unrefined, unknown_area=1.5)
     mesh = build_mesh(instances, extents)
     quality = assess(scene, instances, planes, extents, Config().quality)
     depth = Dimension(4, 0, "width", 5.0, 0.0125, np.array([[2.0, 5.0, 1.25], [2.0, 0.0, 1.25]]))
@@ -77,6 +77,7 @@ def test_layout_reads_back_equal(tmp_path: Path, solved: tuple[Scene, Layout, Qu
         np.testing.assert_array_equal(got.frame.axes, extent.frame.axes)
         for region, expected in ((got.region, extent.region), (got.unrefined, extent.unrefined)):
             assert shapely.equals_exact(region, expected, tolerance=1e-12)
+        assert got.unknown_area == extent.unknown_area
     assert assess(scene, back.instances, back.planes, back.extents, Config().quality).elements == quality.elements
 
 
@@ -110,6 +111,7 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     assert ceiling["plane"]["normal"] == [None] * 3
     assert ceiling["verdict"] == "unobservable"
     assert len(data["elements"][2]["extent"]["polygons"][0]) == 2
+    assert data["headline"] == {"word": "redo", "reasons": list(quality.headline.reasons)}
     assert data["predicted"] == quality.predicted == "doubtful", "the ceiling is unknown"
     assert ceiling["causes"] == ["no point on it could be tracked", "no contact edge"]
     assert data["elements"][0]["plane"]["support"]["parallax_deg"] == 1.25
@@ -138,7 +140,10 @@ def test_quality_json_has_the_verdict_on_top(tmp_path: Path, solved: tuple[Scene
     scene, layout, quality = solved
     write_results(tmp_path, scene, layout, quality, Config())
     data = json.loads((tmp_path / "quality.json").read_text(), parse_constant=pytest.fail)
+    assert next(iter(data)) == "headline"
+    assert data["headline"] == {"word": "redo", "reasons": list(quality.headline.reasons)}
     assert data["iou"] == quality.iou
+    assert data["known_share"] == quality.known_share
     assert data["accepted"] is quality.accepted
     assert data["predicted"] == quality.predicted
     assert data["sigma_depth_share"] == quality.sigma_depth_share
@@ -306,22 +311,29 @@ def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> No
     scene, layout, quality = solved
     table = element_table(layout, quality)
     assert table.row_count == len(SURFACES)
-    line = verdict(scene, layout, quality)
-    assert line.startswith("NOT accepted: IoU 0." if not quality.accepted else "Accepted: IoU 0.")
+    headline = quality.headline
+    assert headline.word == "redo", "without the ceiling the IoU is too low"
+    assert headline_text(headline).plain.splitlines()[0] == f"REDO: {headline.reasons[0]}"
+    assert headline_text(headline).plain.splitlines()[1:] == [f"  and {reason}" for reason in headline.reasons[1:]]
+    line = measures(scene, layout, quality)
+    assert line.startswith(
+        f"IoU {quality.iou:.3f} (not accepted, of doors and windows alone {quality.openings_iou:.3f}); "
+    )
     assert "worst element ceiling_1 = e1 in 0.png" in line
-    assert f"Predicted doubtful: σ of depth {100 * quality.sigma_depth_share:.1f} %." in line
+    assert f"; σ of depth {100 * quality.sigma_depth_share:.1f} % (predicted doubtful). " in line
     assert reasons(layout, quality)[:2] == [
         "floor_0 is weak: thin; depth uncertain by more than 3 % "
         "(mostly contact edges hold it, seen under 1.2° of parallax, held by 17 tracks)",
         "ceiling_1 is unobservable: no track places it (no point on it could be tracked, no contact edge)",
     ]
     assert dimensions(layout) == [
-        "height floor_0 – ceiling_1: 2.500 ± nan m",
+        "height floor_0 – ceiling_1: 2.500 m ± unknown",
         "width wall_4 – floor_0: 5.000 ± 0.013 m",
     ]
     assert dimensions(replace(layout, metric=False))[1].endswith("± 0.013 units")
     text = markdown(layout, quality)
-    assert "; predicted doubtful: σ of depth" in text
+    assert text.startswith(f"**redo**: {headline.reasons[0]}\n- {headline.reasons[1]}\n")
+    assert "% (predicted doubtful)" in text
     assert "- width wall_4 – floor_0: 5.000 ± 0.013 m" in text
     assert "|floor_0|floor|20.00 m²|2|17|" in text
     assert "|ceiling_1|ceiling|0.00 m²|2|0|–|–|0.000|unobservable|" in text

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -74,12 +74,13 @@ def test_data_says_what_the_layout_is(solution: Solution) -> None:
         versions={"numpy": "2"},
     )
     json.dumps(data, allow_nan=False)
+    assert data["headline"] == asdict(solution.quality.headline)
     assert data["accepted"] == solution.quality.accepted
     for row, instance, judged in zip(
         data["elements"], solution.layout.instances, solution.quality.instances, strict=True
     ):
         assert (row["name"], row["verdict"], row["iou"]) == (instance.name, judged.verdict, judged.iou)
-        assert row["sigma_depth_share"] == pytest.approx(judged.sigma_depth / judged.depth)
+        assert (row["sigma_depth"], row["depth"]) == (judged.sigma_depth, judged.depth)
     assert [frame["iou"] for frame in data["frames"]] == list(solution.quality.frames)
     assert sum(len(frame["elements"]) for frame in data["frames"]) == len(solution.quality.elements)
     assert [one["share"] for one in data["timings"]] == [0.75, 0.25]

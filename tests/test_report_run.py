@@ -17,6 +17,7 @@ from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Failure, Record, 
 from gtlayout.batch.run_folder import Run, read_run, write_run
 from gtlayout.cli import main
 from gtlayout.config import Config
+from gtlayout.headline import Word
 from gtlayout.report.compare_runs import comparison
 from gtlayout.report.histogram import HEIGHT, histogram
 from gtlayout.report.run_data import FAILURES, run_data
@@ -33,9 +34,12 @@ PIXEL = bytes.fromhex(
 VERSION = "1.2.3"
 
 
-def solved(scene: str, iou: float, **more: Any) -> Record:
+def solved(scene: str, iou: float, headline: Word | None = "trust", **more: Any) -> Record:
+    """``headline`` is that of a scene whose IoU is accepted."""
     known: dict[str, Any] = {
         "status": "accepted" if iou >= 0.8 else "not accepted",
+        "headline": headline if iou >= 0.8 else "redo",
+        "headline_reason": f"IoU {iou:.3f}, for example",
         "predicted": "trustworthy",
         "iou": iou,
         "sigma_depth_share": 0.02,
@@ -70,8 +74,10 @@ def made_run(folder: Path, records: list[Record], not_yet: tuple[str, ...] = (),
 
 RECORDS = [
     solved("a/fine", 0.95, depth_error_median=0.01),
-    solved("a/doubtful", 0.93, predicted="doubtful", depth_error_median=0.05),
+    solved("a/doubtful", 0.93, "check", predicted="doubtful", depth_error_median=0.05),
     solved("b/bad", 0.7),
+    solved("b/far", 0.9, "check"),
+    solved("b/unknown", 0.9, "redo", headline_reason="depth is known for only 7 %", predicted="doubtful"),
     solved("b/worse", 0.5, metric=False, depth_error_median=0.3),
     solved(HOSTILE, 0.6, reason=REASON),
     failed("c/slow", "timeout", "not done in 5 s"),
@@ -92,16 +98,17 @@ def scenes_of(data: dict[str, Any]) -> list[dict[str, Any]]:
 def test_data_says_what_came_of_the_run(run: Path) -> None:
     data = run_data(read_run(run), run)
     json.dumps(data, allow_nan=False)
-    assert (data["scenes"], data["finished"], data["not_yet"]) == (9, 8, ["z/not yet"])
-    assert data["status"] == {"accepted": 2, "not accepted": 3, "failed": 3}
-    assert data["accept_share"] == 0.25
-    assert data["seconds"] == 13.0
-    assert data["scenes_per_hour"] == pytest.approx(3600 * 8 / 13)
+    assert (data["scenes"], data["finished"], data["not_yet"]) == (11, 10, ["z/not yet"])
+    assert data["groups"] == {"failed": 3, "redo": 4, "check": 2, "trust": 1}
+    assert data["status"] == {"accepted": 4, "not accepted": 3, "failed": 3}
+    assert data["accept_share"] == 0.4
+    assert data["seconds"] == 17.0
+    assert data["scenes_per_hour"] == pytest.approx(3600 * 10 / 17)
     assert data["peak_memory_mib"] == 300
     assert [(one["kind"], one["count"]) for one in data["failures"]] == [("input", 2), ("timeout", 1)]
-    assert data["crossed"]["accepted"] == {"trustworthy": 1, "doubtful": 1}
+    assert data["crossed"]["accepted"] == {"trustworthy": 2, "doubtful": 2}
     drawn = {one["title"].split(" (")[0]: one["histogram"] for one in data["distributions"]}
-    assert drawn["reprojection IoU"]["count"] == 5
+    assert drawn["reprojection IoU"]["count"] == 7
     assert drawn["depth error ε"]["count"] == 2, "scenes without a unit are left out"
 
 
@@ -109,8 +116,13 @@ def test_scenes_stand_worst_first(run: Path) -> None:
     rows = scenes_of(run_data(read_run(run), run))
     assert [one["name"] for one in rows] == [
         *("c/none", "c/torn", "c/slow"),
-        *("b/worse", HOSTILE, "b/bad"),
-        *("a/doubtful", "a/fine"),
+        *("b/worse", HOSTILE, "b/bad", "b/unknown"),
+        *("b/far", "a/doubtful", "a/fine"),
+    ]
+    assert [one["verdict"] for one in rows][:4] == ["failed: input", "failed: input", "failed: timeout", "redo"]
+    assert [one["status"] for one in rows][3:] == [
+        *("not accepted", "not accepted", "not accepted", "accepted, doubtful"),
+        *("accepted", "accepted, doubtful", "accepted"),
     ]
     assert rows[1]["reason"] == "annotations.json is not valid JSON"
     assert rows[0]["reason"] == "no cameras in the scene's folder; looked for x"
@@ -119,8 +131,18 @@ def test_scenes_stand_worst_first(run: Path) -> None:
 
 def test_annotators_get_what_only_they_can_mend(run: Path) -> None:
     back = run_data(read_run(run), run)["send_back"]
-    assert [line.split("\t")[0] for line in back] == ["c/none", "c/torn", "b/worse", HOSTILE, "b/bad"]
-    assert back[2].split("\t")[1] == "IoU 0.500; redraw first wall_1 = e2 in 000010.jpg (0.250)"
+    expected = ["c/none", "c/torn", "b/worse", HOSTILE, "b/bad", "b/unknown"]
+    assert [line.split("\t")[0] for line in back] == expected
+    assert [line.split("\t")[1] for line in back[2:6:3]] == ["IoU 0.500, for example", "depth is known for only 7 %"]
+
+
+def test_records_without_a_headline_go_by_their_measures(tmp_path: Path) -> None:
+    """Those of earlier versions, which a run may be compared with."""
+    records = [solved("a", 0.9, None), solved("b", 0.9, None, predicted="doubtful"), solved("c", 0.7)]
+    records[2] = replace(records[2], headline=None, headline_reason="", reason="IoU below 0.8")
+    data = run_data(read_run(made_run(tmp_path, records)), tmp_path)
+    assert [(one["name"], one["verdict"]) for one in scenes_of(data)] == [("c", "redo"), ("b", "check"), ("a", "trust")]
+    assert data["send_back"] == ["c\tIoU below 0.8"]
 
 
 def test_every_failure_has_its_words(tmp_path: Path) -> None:
@@ -154,7 +176,7 @@ def test_run_without_a_finished_scene(tmp_path: Path, page: Page, problems: list
     run = made_run(tmp_path, [], ("a",))
     write_run_report(run, run / "report.html")
     page.goto((run / "report.html").as_uri())
-    assert "0 of 0 scenes accepted, 1 not yet finished" in page.locator("#verdict h2").inner_text()
+    assert "0 of 0 scenes to trust, 1 not yet finished" in page.locator("#verdict h2").inner_text()
     assert problems == []
 
 
@@ -214,18 +236,30 @@ def test_comparison_says_what_got_better_and_worse_by_how_much(tmp_path: Path) -
     assert data["worse"][2]["iou"] == pytest.approx(-0.05)
     assert data["worse"][4]["depth_error"] == pytest.approx(0.01)
     assert [(one["name"], one["here"], one["there"]) for one in data["status"]] == [
+        ("trust", 6, 8),
+        ("check", 0, 0),
+        ("redo", 1, 0),
+        ("failed", 1, 0),
         ("accepted", 6, 8),
         ("not accepted", 1, 0),
-        ("failed", 1, 0),
     ]
     assert data["medians"][0]["count"] == 7
     assert data["medians"][0]["there"] == "0.9000"
 
 
+def test_comparison_goes_by_the_headline_where_both_have_one(tmp_path: Path) -> None:
+    """A scene that is to be checked now got worse, whatever its IoU; one that had no headline did not."""
+    there = [solved("a", 0.9), solved("b", 0.9, "redo"), solved("c", 0.9, None), solved("d", 0.7)]
+    there[3] = replace(there[3], headline=None)
+    here = [solved("a", 0.95, "check"), solved("b", 0.85, "check"), solved("c", 0.9, "redo"), solved("d", 0.9, "redo")]
+    data = compared(tmp_path, here, there)
+    assert (names(data["worse"]), names(data["better"]), data["same"]) == (["a"], ["d", "b"], 1)
+
+
 def test_comparison_with_itself_finds_nothing(run: Path) -> None:
     itself: Run = read_run(run)
     data = comparison(itself, itself, run)
-    assert (data["worse"], data["better"], data["settings"], data["same"]) == ([], [], [], 8)
+    assert (data["worse"], data["better"], data["settings"], data["same"]) == ([], [], [], 10)
 
 
 @pytest.mark.parametrize(
@@ -274,20 +308,20 @@ def test_page_works_in_a_browser(run: Path, page: Page, problems: list[str]) -> 
         return page.locator("#table tbody td.scene").all_inner_texts()
 
     assert shown()[0] == "c/none"
-    assert len(shown()) == 8
+    assert len(shown()) == 10
     assert page.locator("#table td.why", has_text=REASON).count() == 1, "text stays text"
     assert page.locator("img[src=x]").count() == 0
-    assert load_images(page, "#table img") == 5
+    assert load_images(page, "#table img") == 7
     assert all(url.startswith((run.as_uri(), "data:")) for url in asked)
 
     column = "#table tbody td.iou"
     for descending in (False, True):
         page.locator("#table th button", has_text="IoU").click()
         values = page.locator(column).all_inner_texts()
-        assert values[5:] == ["–"] * 3, "unknown ones last"
-        assert values[:5] == sorted(values[:5], reverse=descending)
-    page.locator("[data-group=not-accepted]").click()
-    assert shown() == ["b/bad", HOSTILE, "b/worse"]
+        assert values[7:] == ["–"] * 3, "unknown ones last"
+        assert values[:7] == sorted(values[:7], reverse=descending)
+    page.locator("[data-group=redo]").click()
+    assert shown() == ["b/unknown", "b/bad", HOSTILE, "b/worse"]
     page.locator("#find").fill("WORSE")
     assert shown() == ["b/worse"]
     page.locator("[data-find='failed: timeout']").click()
@@ -299,7 +333,7 @@ def test_page_works_in_a_browser(run: Path, page: Page, problems: list[str]) -> 
 
     # Links: the log of what failed, the page of what did not.
     page.locator("#find").fill("")
-    for pile, address in (("failed", "/log.txt"), ("not-accepted", "/report.html")):
+    for pile, address in (("failed", "/log.txt"), ("redo", "/report.html")):
         page.locator(f"[data-group={pile}]").click()
         with page.expect_navigation():
             page.locator("#table td.scene a").nth(1).click()
@@ -314,7 +348,7 @@ def test_page_works_from_a_server(run: Path, page: Page, problems: list[str]) ->
         asked: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
         page.goto(f"{root}/report.html")
-        assert load_images(page, "#table img") == 5
+        assert load_images(page, "#table img") == 7
         assert all(url.startswith(root) for url in asked)
     assert problems == []
 
@@ -343,8 +377,8 @@ def test_comparison_works_in_a_browser_and_on_a_phone(
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto(out.as_uri())
     assert page.evaluate("document.documentElement.scrollWidth") == 390
-    assert "5 better" in page.locator("#against > p").first.inner_text()
-    assert page.locator("#better tbody tr").count() == 5
+    assert "7 better" in page.locator("#against > p").first.inner_text()
+    assert page.locator("#better tbody tr").count() == 7
     assert page.locator("#settings td").all_inner_texts() == ["seed", "0", "3"]
-    assert load_images(page, "#better img") == 5
+    assert load_images(page, "#better img") == 7
     assert problems == []

@@ -13,11 +13,11 @@ from cyclopts.validators import Number
 from gtlayout.batch.cluster import existing_cluster, local_cluster
 from gtlayout.batch.job import Settings
 from gtlayout.batch.progress import RunProgress
-from gtlayout.batch.record import Status
 from gtlayout.batch.run import run_batch
 from gtlayout.batch.run_folder import check_free
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.cli import NotNegative, Positive, stdout
+from gtlayout.headline import Word
 
 SOME_FAILED = 3
 """Exit status when not all scenes came to a layout."""
@@ -71,11 +71,13 @@ def batch(
     cluster = local_cluster(workers, memory_limit) if scheduler is None else existing_cluster(scheduler)
     with cluster as client, RunProgress() as progress:
         records = run_batch(client, scenes, out, Settings(seed, refine_cameras, restarts), timeout, progress)
+    words = Counter(record.headline for record in records.values())
     counts = Counter(record.status for record in records.values())
     console = stdout()
     failures = Counter(record.failure for record in records.values() if record.failure)
-    said = ", ".join(f"{counts[status]} {status}" for status in get_args(Status))
+    said = ", ".join([*(f"{words[word]} {word}" for word in get_args(Word)), f"{counts['failed']} failed"])
     said += f" ({', '.join(f'{count} {why}' for why, count in failures.most_common())})" if failures else ""
+    said += f"; {counts['accepted']} accepted by their IoU"
     console.print(f"{len(records)} scene{'s' if len(records) > 1 else ''}: {said}")
     console.print(f"Results: {out} (gtlayout report {out} makes a page of them)")
     return SOME_FAILED if counts["failed"] else 0

@@ -6,11 +6,13 @@ import time
 from collections import Counter
 from datetime import timedelta
 from types import TracebackType
+from typing import get_args
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from gtlayout.batch.record import Record, Status
+from gtlayout.batch.record import Record
+from gtlayout.headline import Word
 from gtlayout.io.files import printable
 
 LINE_EVERY_S = 30.0
@@ -27,7 +29,7 @@ class RunProgress:
         self._bars = Progress(*columns, console=self._console, disable=not terminal, refresh_per_second=2)
         self._bar: TaskID | None = None
         self._total = self._solved = 0
-        self._counts: Counter[Status] = Counter()
+        self._counts: Counter[Word | None] = Counter()
         self._start_s = self._said_s = time.monotonic()
 
     def __enter__(self) -> RunProgress:
@@ -46,7 +48,7 @@ class RunProgress:
 
     def done(self, record: Record, same: bool) -> None:
         """One is; ``same``: it was before this run, and its results are still good."""
-        self._counts[record.status] += 1
+        self._counts[record.headline] += 1
         self._solved += not same
         if record.status == "failed" and not same:
             self._console.print(f"{printable(record.scene)} failed ({record.failure}): {record.reason}")
@@ -60,12 +62,12 @@ class RunProgress:
             self._console.print(self.line())
 
     def line(self) -> str:
-        """Scenes done, accepted, failed, rate and time left."""
+        """Scenes done, how many of each verdict, failed, rate and time left."""
         done, elapsed_s = self._counts.total(), time.monotonic() - self._start_s
         said = [
             f"{done}/{self._total} done",
-            f"{self._counts['accepted']} accepted",
-            f"{self._counts['failed']} failed",
+            *(f"{self._counts[word]} {word}" for word in get_args(Word)),
+            f"{self._counts[None]} failed",
         ]
         if done > self._solved:
             said.append(f"{done - self._solved} as before")

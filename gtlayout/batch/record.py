@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.headline import Word
 from gtlayout.io.files import json_text, read_json, write_atomic
 
 FORMAT = "gtlayout-record/1"
@@ -43,7 +44,11 @@ class Record:
     status: Status
     failure: Failure | None = None
     reason: str = ""
-    """Why it failed or was not accepted, and which elements are not ok; empty when all is well."""
+    """Why it failed or is not to be trusted, and which elements are not ok; empty when all is well."""
+    headline: Word | None = None
+    """What to do with it: use it as it is, look at it first, redraw or film it again; None for failed scenes."""
+    headline_reason: str = ""
+    """Why, the most important first; empty for failed scenes."""
     predicted: str | None = None
     """"trustworthy" or "doubtful": what the covariances say."""
     iou: float | None = None
@@ -123,6 +128,7 @@ def record_of(data: dict[str, Any], path: Path) -> Record:
         and all(_fits(value, known[name]) for name, value in data.items())
         and data["status"] in get_args(Status)
         and data.get("failure") in (None, *get_args(Failure))
+        and data.get("headline") in (None, *get_args(Word))
         and all(_fits(seconds, "float") for seconds in data.get("stages_s", {}).values())
     )
     if not fine:

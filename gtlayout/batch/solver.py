@@ -35,7 +35,7 @@ from gtlayout.io.files import write_all_atomic
 from gtlayout.method import Solution, solve
 from gtlayout.report import PLOTLY_FILE, solved_page, thumbnail
 from gtlayout.report.plain import finite
-from gtlayout.report_table import reasons, verdict, worst_drawing
+from gtlayout.report_table import headline_text, measures, reasons, worst_drawing
 from gtlayout.results import REPORT_FILE
 
 IDLE_S = 300.0
@@ -133,9 +133,8 @@ def _figures(solution: Solution) -> dict[str, Any]:
     """What the record says of a solved scene; also printed, for the log."""
     scene, layout, quality = solution.scene, solution.layout, solution.quality
     drawing, worst = worst_drawing(scene, layout, quality), quality.elements[quality.worst_element]
-    said = reasons(layout, quality)
-    if not quality.accepted:
-        said.insert(0, f"IoU {quality.iou:.3f}, redraw {drawing} ({worst.iou:.3f}) first")
+    why = quality.headline.reasons
+    said = [*(why if quality.headline.word != "trust" else ()), *reasons(layout, quality)]
     try:
         depth = depth_error(scene, layout)
     except GtlayoutError as error:
@@ -143,9 +142,12 @@ def _figures(solution: Solution) -> dict[str, Any]:
         said.append(f"not compared with depth: {error}")
     status: Status = "accepted" if quality.accepted else "not accepted"
     verdicts = [judged.verdict for judged in quality.instances]
-    print(*(f"warning: {warning}" for warning in scene.warnings), verdict(scene, layout, quality), sep="\n")
+    warned = [f"warning: {warning}" for warning in scene.warnings]
+    print(headline_text(quality.headline), *warned, measures(scene, layout, quality), sep="\n")
     return {
         "status": status,
+        "headline": quality.headline.word,
+        "headline_reason": "; ".join(why),
         "reason": "; ".join(said),
         "predicted": quality.predicted,
         "iou": finite(quality.iou),

@@ -9,6 +9,7 @@ from gtlayout.check.motion import median_parallax_deg
 from gtlayout.check.two_views import middle_inverse_depth, triangulate_pair
 from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
+from gtlayout.figures import short
 from gtlayout.io.images import read_depth
 from gtlayout.scene import Scene
 
@@ -37,7 +38,7 @@ def _unit(scene: Scene, matches: list[Matches]) -> list[str]:
     likely = next((name for most, name in UNITS_OF_A_METRE if ROOM_DEPTH_M[1] < depth <= most), None)
     unit = f"that looks like {likely}" if likely else "no room is that size"
     return [
-        f"the scene counts as metric, but its points are {_number(depth)} away (median): {unit}; scale the camera "
+        f"the scene counts as metric, but its points are {short(depth)} away (median): {unit}; scale the camera "
         'positions to metres, or put {"metric": false} into scene.json'
     ]
 
@@ -61,14 +62,9 @@ def _depth_maps(scene: Scene, matches: list[Matches]) -> list[str]:
     factor = float(np.median(ratios)) if ratios else 1.0
     if 1 / MAX_DISAGREEMENT <= factor <= MAX_DISAGREEMENT:
         return lines
-    how = f"{_number(factor)} times as far as" if factor > 1 else f"1/{_number(1 / max(factor, 1e-9))} as far as"
+    how = f"{short(factor)} times as far as" if factor > 1 else f"1/{short(1 / max(factor, 1e-9))} as far as"
     return [
         *lines,
         f"depth maps and cameras disagree: the maps put points {how} the cameras do "
         f"(median of {len(ratios)} frames); bring both to one unit (maps hold thousandths of the cameras' unit)",
     ]
-
-
-def _number(value: float) -> str:
-    """Three figures, and no exponent for what is large."""
-    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

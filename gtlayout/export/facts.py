@@ -6,6 +6,7 @@ import numpy as np
 
 from gtlayout.export import unit
 from gtlayout.export.upright import z_up_from_world
+from gtlayout.figures import is_known
 from gtlayout.io.files import printable
 from gtlayout.layout import Layout
 from gtlayout.quality import depth_at_centroid
@@ -49,7 +50,7 @@ def scene_facts(scene: Scene, layout: Layout) -> dict[str, Fact]:
     """What the layout knows of the room: its dimensions with σ, what it could not place, and the frame of its files."""
     measured = {}
     for d in layout.dimensions:
-        known = f" ± {d.sigma:.2g}" if np.isfinite(d.sigma) else ""
+        known = f" ± {d.sigma:.2g}" if is_known(d.sigma, d.length) else ""
         between = f"{layout.instances[d.first].name} {layout.instances[d.second].name}"
         measured[printable(f"{d.kind} {between}")] = f"{d.length:.4g}{known} {unit(layout.metric)}"
     missing = ", ".join(layout.instances[i].name for i, e in enumerate(layout.extents) if e.region.is_empty)

@@ -15,6 +15,7 @@ import shapely
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import BAND_SIGMAS, FloorPlan, Footprint, PlanDimension
 from gtlayout.export.plan_labels import SMALL_TEXT_MM, TEXT_MM, Text, labels
+from gtlayout.figures import is_known, with_sigma
 from gtlayout.scene import FloatArray
 
 Layer = Literal["floor", "sigma", "slanted", "walls", "doors", "windows", "dimensions", "labels", "notes"]
@@ -128,11 +129,10 @@ def draw(plan: FloorPlan) -> Drawing:
 
 
 def length_text(length: float, sigma: float, metric: bool) -> str:
-    """``3.94 ± 0.02 m``: two digits of σ, no finer than millimetres; σ that is not known is a question mark."""
-    known = np.isfinite(sigma) and sigma > 0
+    """``3.94 ± 0.02 m``: two digits of σ, no finer than millimetres."""
+    known = is_known(sigma, length) and sigma > 0
     digits = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 3 if metric else 9)) if known else 3
-    spread = f"{sigma:.{digits}f}" if np.isfinite(sigma) else "?"
-    return f"{length:.{digits}f} ± {spread} {'m' if metric else 'units'}"
+    return with_sigma(length, sigma, digits, " m" if metric else " units")
 
 
 def _scale(plan: FloorPlan) -> tuple[float, str]:

@@ -129,6 +129,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "axes": extent.frame.axes,
                     "polygons": extent.frame.rings_to_world(extent.region),
                     "unrefined": extent.frame.rings_to_world(extent.unrefined),
+                    "unknown_area": extent.unknown_area,
                 },
                 "iou": judged.iou,
                 "verdict": judged.verdict,
@@ -145,6 +146,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); "
         "world frame of the input cameras; vertex_sigma along the normal, the largest of the elements that share the "
         "vertex",
+        "headline": {"word": quality.headline.word, "reasons": quality.headline.reasons},
         "accepted": quality.accepted,
         "predicted": quality.predicted,
         "sigma_depth_share": quality.sigma_depth_share,
@@ -204,7 +206,12 @@ def _read_element(
             float(_numbers(plane["sigma_depth"])) if metric else np.nan,
             _numbers(plane["anchor"]).reshape(3),
         ),
-        Extent(frame, _region(row["extent"]["polygons"], frame), _region(row["extent"]["unrefined"], frame)),
+        Extent(
+            frame,
+            _region(row["extent"]["polygons"], frame),
+            _region(row["extent"]["unrefined"], frame),
+            float(row["extent"]["unknown_area"]),
+        ),
     )
 
 
@@ -254,10 +261,12 @@ def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:
 
     worst = quality.elements[quality.worst_element]
     return {
+        "headline": asdict(quality.headline),
         "iou": quality.iou,
         "accepted": quality.accepted,
         "sigma_depth_share": quality.sigma_depth_share,
         "predicted": quality.predicted,
+        "known_share": quality.known_share,
         "openings_iou": quality.openings_iou,
         "worst_frame": {"image": name(quality.worst_frame), "iou": quality.frames[quality.worst_frame]},
         "worst_element": {

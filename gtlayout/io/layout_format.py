@@ -8,14 +8,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypedDict
 
+from gtlayout.headline import Word
 from gtlayout.io.files import json_text
 from gtlayout.io.json_schema import OrNull, Schema, Shape, schema_of
 from gtlayout.layout import Support
 from gtlayout.quality import Prediction, Verdict
 from gtlayout.scene import FloatArray, IntArray, Label
 
-Format = Literal["gtlayout-layout/2"]
-FORMAT: Format = "gtlayout-layout/2"
+Format = Literal["gtlayout-layout/3"]
+FORMAT: Format = "gtlayout-layout/3"
 
 _NUMBER_OR_NULL = {"type": ["number", "null"]}
 NumberOrNull = Annotated[float, OrNull()]
@@ -67,6 +68,8 @@ class ExtentRow(TypedDict):
     """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one."""
     unrefined: list[list[Points]]
     """The same before refinement: the plain union of the unprojected drawings."""
+    unknown_area: float
+    """What was drawn beyond where the depth is known and was left out, square world units."""
 
 
 class ElementRow(TypedDict):
@@ -118,6 +121,15 @@ class MeshRow(TypedDict):
     """Name of the element that each face belongs to."""
 
 
+class HeadlineRow(TypedDict):
+    """The verdict in a word."""
+
+    word: Word
+    """Use it as it is; look at what is named first; not usable without new drawings or cameras."""
+    reasons: Sequence[str]
+    """Sentences that name frame or element and number, the most important first."""
+
+
 class LayoutFile(TypedDict):
     """A solved room: planes with their uncertainty, extents, dimensions, mesh and verdicts. Null = not known."""
 
@@ -131,6 +143,8 @@ class LayoutFile(TypedDict):
     """Of all lengths."""
     convention: str
     """Signs, frames and what σ is taken of, in words."""
+    headline: HeadlineRow
+    """What to do with the scene, in a word, and why."""
     accepted: bool
     """Whether the reprojection IoU is at least 0.8."""
     predicted: Prediction

@@ -6,17 +6,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gtlayout.batch.record import Record
+from gtlayout.batch.record import Record, Status
 from gtlayout.batch.run_folder import Run
 from gtlayout.io.files import printable
 from gtlayout.report.data import flat
-from gtlayout.report.run_data import median, number, row
+from gtlayout.report.run_data import GROUPS, group, median, number, row
 
 SHOWN = 300
 """Scenes listed of those that got better, and of those that got worse."""
 LEAST_IOU = 0.001
 """Smaller changes of the IoU are none."""
-_RANK = {"failed": 0, "not accepted": 1, "accepted": 2}
+_STATUSES: tuple[Status, ...] = ("failed", "not accepted", "accepted")
+"""The worst first."""
 _MEASURES = (
     ("reprojection IoU", "iou", 1.0, 4, "", +1),
     ("predicted σ of depth", "sigma_depth_share", 100.0, 2, " %", -1),
@@ -47,10 +48,10 @@ def comparison(run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
         "status": [
             {
                 "name": said,
-                "here": sum(run.records[name].status == said for name in both),
-                "there": sum(other.records[name].status == said for name in both),
+                "here": sum(said in (group(run.records[name]), run.records[name].status) for name in both),
+                "there": sum(said in (group(other.records[name]), other.records[name].status) for name in both),
             }
-            for said in ("accepted", "not accepted", "failed")
+            for said in (*GROUPS[::-1], "accepted", "not accepted")
         ],
         "medians": _medians([(run.records[name], other.records[name]) for name in both]),
         "only_here": [printable(name) for name in run.records if name not in other.records],
@@ -60,19 +61,25 @@ def comparison(run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
 
 
 def _change(here: Record, there: Record, run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
-    """A scene in both. ``order`` is below zero where it got worse: by its status, then its IoU, then its ε."""
+    """A scene in both. ``order`` is below zero where it got worse: by its headline, then its IoU, then its ε."""
     iou = _difference(here.iou, there.iou)
     depth = _difference(here.depth_error_median, there.depth_error_median)
-    ranks = _RANK[here.status] - _RANK[there.status]
+    ranks = _ranks(here, there)
     moved = iou if iou is not None and abs(iou) >= LEAST_IOU else 0.0
     return {
         "order": (ranks, moved, 0.0 if depth is None or iou is None or moved else -_far(depth, there)),
         "here": row(here, run.folder, page_dir),
         "there": row(there, other.folder, page_dir),
-        "status_changed": ranks != 0,
         "iou": iou,
         "depth_error": depth,
     }
+
+
+def _ranks(here: Record, there: Record) -> int:
+    """Above zero where the first is better: by their headlines, or by their status where one has no headline."""
+    if all(record.headline is not None or record.status == "failed" for record in (here, there)):
+        return GROUPS.index(group(here)) - GROUPS.index(group(there))
+    return _STATUSES.index(here.status) - _STATUSES.index(there.status)
 
 
 def _far(depth: float, there: Record) -> float:

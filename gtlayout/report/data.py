@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from gtlayout.colors import instance_colors, sigma_full
@@ -19,7 +20,7 @@ from gtlayout.quality import Quality
 from gtlayout.report.frames import key_frame_data
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.report.room_view import room_view
-from gtlayout.report_table import reasons, verdict
+from gtlayout.report_table import most_certain_first, reasons
 from gtlayout.scene import ImageArray, Scene
 
 
@@ -45,6 +46,7 @@ def report_data(
         "title": scene.root.resolve().name,
         "unit": "m" if layout.metric else "u",
         "metric": layout.metric,
+        "headline": asdict(quality.headline),
         "accepted": quality.accepted,
         "predicted": quality.predicted,
         "iou": quality.iou,
@@ -64,7 +66,6 @@ def report_data(
             "id": scene.key_frames[worst.key_frame].elements[worst.element].id,
             "iou": worst.iou,
         },
-        "sentence": verdict(scene, layout, quality),
         "reasons": reasons(layout, quality),
         "warnings": list(warnings),
         "elements": _elements(layout, quality, colors),
@@ -94,7 +95,7 @@ def _elements(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[d
             "tracks": plane.support.tracks,
             "sigma_normal_deg": finite(judged.sigma_normal_deg),
             "sigma_depth": finite(judged.sigma_depth),
-            "sigma_depth_share": finite(judged.sigma_depth / judged.depth),
+            "depth": finite(judged.depth),
             "iou": judged.iou,
             "verdict": judged.verdict,
             "reason": judged.reason,
@@ -110,10 +111,10 @@ def _dimensions(layout: Layout) -> list[dict[str, Any]]:
         {
             "kind": one.kind,
             "between": [layout.instances[one.first].name, layout.instances[one.second].name],
-            "length": one.length,
+            "length": finite(one.length),
             "sigma": finite(one.sigma),
         }
-        for one in sorted(layout.dimensions, key=lambda one: (one.kind, one.sigma))
+        for one in most_certain_first(layout.dimensions)
     ]
 
 

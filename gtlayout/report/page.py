@@ -9,6 +9,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
+from gtlayout.figures import figure, is_known, percent, short, sigma_figure
 from gtlayout.io.files import write_atomic
 
 PLOTLY_FILE = "plotly.min.js"
@@ -35,10 +36,18 @@ def plotly_file(folder: Path) -> None:
 @cache
 def environment() -> Environment:
     """Templates of this folder, compiled once a process: that takes longer than to fill one in."""
-    return Environment(
+    made = Environment(
         loader=PackageLoader("gtlayout.report", ""),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.globals |= {
+        "figure": figure,
+        "sigma_figure": sigma_figure,
+        "percent": percent,
+        "is_known": is_known,
+        "short": short,
+    }
+    return made

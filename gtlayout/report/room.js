@@ -11,7 +11,11 @@ let eye = room.eye;
 const checked = (id) => document.getElementById(id).checked;
 // plotly reads some HTML in texts: names from files are none.
 const plain = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;").replaceAll(">", "&gt;");
-const withSigma = (length, sigma) => `${length.toFixed(2)}${sigma === null ? "" : ` ± ${sigma.toFixed(2)}`} ${unit}`;
+// As gtlayout/figures.py: a σ as large as what it is of says nothing.
+const isKnown = (sigma, of) => sigma !== null && sigma < of;
+const withSigma = (length, sigma) =>
+  isKnown(sigma, length) ? `${length.toFixed(2)} ± ${sigma.toFixed(2)} ${unit}` : `${length.toFixed(2)} ${unit} ± unknown`;
+const sigmaAt = (sigma) => (isKnown(sigma, longest) ? `σ ${sigma.toPrecision(2)} ${unit}` : "σ unknown");
 
 // Normals point at the cameras: from behind a surface one looks through it into the room.
 function seenFromInside(surface) {
@@ -45,7 +49,7 @@ function traces() {
       type: "mesh3d", name: surface.name, x, y, z, i, j, k, hoverinfo: "text",
       intensity: surface.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
       colorscale: scale.map((color, step) => [step / (scale.length - 1), color]),
-      text: surface.sigma.map((sigma) => `${plain(surface.name)}: σ ${sigma.toPrecision(2)} ${unit}`),
+      text: surface.sigma.map((sigma) => `${plain(surface.name)}: ${sigmaAt(sigma)}`),
       lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
     });
   }

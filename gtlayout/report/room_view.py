@@ -70,6 +70,7 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
         "dimensions": [
             {"ends": _columns(one.ends_world @ turn.T), "length": one.length, "sigma": _rounded(np.array(one.sigma))}
             for one in layout.dimensions
+            if np.isfinite(one.length)
         ],
         "low": _rounded(low),
         "high": _rounded(high),

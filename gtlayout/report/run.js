@@ -3,10 +3,10 @@ const AT_A_TIME = 200;
 const table = document.getElementById("table");
 const find = document.getElementById("find");
 const piles = [...document.querySelectorAll("[data-group]")];
-const colors = { failed: "bad", "not-accepted": "bad", doubtful: "warn", fine: "good" };
+const colors = { failed: "bad", redo: "bad", check: "warn", trust: "good" };
 const { keys, rows } = JSON.parse(document.getElementById("rows").textContent);
 const scenes = rows.map((values) => Object.fromEntries(keys.map((key, index) => [key, values[index]])));
-for (const one of scenes) one.text = [one.name, one.status, one.redraw, one.reason].join("\n").toLowerCase();
+for (const one of scenes) one.text = [one.name, one.verdict, one.status, one.redraw, one.reason].join("\n").toLowerCase();
 let order = scenes;
 let shown = AT_A_TIME;
 
@@ -41,12 +41,11 @@ function rowOf(one) {
     image.src = `${one.folder}/${table.dataset.thumbnail}`;
     link.prepend(image);
   }
-  const status = one.group === "doubtful" ? `${one.status}, doubtful` : one.status;
   const redraw = one.redraw_iou === null ? [] : [" ", made("span", "soft", one.redraw_iou.toFixed(3))];
   return made(
     "tr", one.group,
     words("scene", one.name, link),
-    words("status", one.status, made("span", colors[one.group], status)),
+    words("status", one.verdict, made("b", colors[one.group], one.verdict), " ", made("span", "soft", one.status)),
     figure("iou", one.iou, (value) => value.toFixed(3)),
     figure("sigma", one.sigma, (value) => `${(100 * value).toFixed(1)} %`),
     figure("error", one.depth_error, (value) => `${(100 * value).toFixed(1)} c${one.unit}`),
@@ -80,8 +79,8 @@ function press(chosen) {
 }
 
 if (table) {
-  const columns = ["name", "status", "iou", "sigma", "depth_error", "weak", "redraw", "reason", "seconds", "memory"];
-  const texts = ["name", "status", "redraw", "reason"];
+  const columns = ["name", "verdict", "iou", "sigma", "depth_error", "weak", "redraw", "reason", "seconds", "memory"];
+  const texts = ["name", "verdict", "redraw", "reason"];
   onSort(table, (column, descending) => {
     const key = columns[column];
     const said = (one) => (texts.includes(key) ? { value: one[key] } : { number: one[key] ?? "" });

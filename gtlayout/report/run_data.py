@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 from urllib.parse import quote
 
 import numpy as np
@@ -28,8 +28,9 @@ FAILURES: dict[Failure, str] = {
     "worker": "the worker was lost again and again; the next run tries again",
 }
 """In the order in which somebody should look at them."""
-FAILED, NOT_ACCEPTED, DOUBTFUL, FINE = "failed", "not-accepted", "doubtful", "fine"
-"""Groups of scenes, worst first."""
+Group = Literal["failed", "redo", "check", "trust"]
+GROUPS: tuple[Group, ...] = get_args(Group)
+"""Of scenes, worst first: those without a layout, and by the headline of the others."""
 
 
 def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
@@ -47,7 +48,7 @@ def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
         "finished": len(records),
         "not_yet": [printable(name) for name in run.scenes if name not in run.records],
         "status": {name: status[name] for name in ("accepted", "not accepted", "failed")},
-        "groups": {name: groups[name] for name in (FAILED, NOT_ACCEPTED, DOUBTFUL, FINE)},
+        "groups": {name: groups[name] for name in GROUPS},
         "accept_share": status["accepted"] / len(records) if records else None,
         "accept_iou": accept_iou(run),
         "seconds": sum(seconds),
@@ -71,7 +72,7 @@ def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
         "send_back": [
             f"{printable(record.scene)}\t{_why_back(record)}"
             for record in records
-            if record.failure == "input" or record.status == "not accepted"
+            if record.failure == "input" or group(record) == "redo"
         ],
     }
 
@@ -83,7 +84,8 @@ def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
         "name": printable(record.scene),
         "folder": link(scene_folder(run, record.scene), page_dir),
         "group": group(record),
-        "status": record.status + (f": {record.failure}" if record.failure else ""),
+        "verdict": group(record) + (f": {record.failure}" if record.failure else ""),
+        "status": _status(record),
         "iou": _short(record.iou),
         "sigma": _short(record.sigma_depth_share),
         "depth_error": _short(record.depth_error_median),
@@ -98,13 +100,22 @@ def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
     }
 
 
-def group(record: Record) -> str:
-    """Which pile a scene belongs to."""
+def group(record: Record) -> Group:
+    """Which pile a scene belongs to. Records of earlier versions have no headline: they go by the two measures."""
     if record.status == "failed":
-        return FAILED
+        return "failed"
+    if record.headline is not None:
+        return record.headline
     if record.status == "not accepted":
-        return NOT_ACCEPTED
-    return DOUBTFUL if record.predicted == "doubtful" else FINE
+        return "redo"
+    return "check" if record.predicted == "doubtful" else "trust"
+
+
+def _status(record: Record) -> str:
+    """What the IoU and the covariances say, in words; empty for failed scenes."""
+    if record.status == "failed":
+        return ""
+    return record.status + (", doubtful" if record.predicted == "doubtful" else "")
 
 
 def reason(record: Record) -> str:
@@ -142,8 +153,7 @@ def _worst_first(record: Record) -> tuple[int, int, float, str]:
     kinds = list(FAILURES)
     kind = kinds.index(record.failure) if record.failure in kinds else len(kinds)
     iou = number(record.iou)
-    rank = (FAILED, NOT_ACCEPTED, DOUBTFUL, FINE).index(group(record))
-    return rank, kind, 0.0 if iou is None else iou, record.scene
+    return GROUPS.index(group(record)), kind, 0.0 if iou is None else iou, record.scene
 
 
 def _failures(records: Sequence[Record]) -> list[dict[str, Any]]:
@@ -152,20 +162,12 @@ def _failures(records: Sequence[Record]) -> list[dict[str, Any]]:
 
 
 def _why_back(record: Record) -> str:
-    if record.status == "failed":
-        return reason(record)
-    iou, worst = number(record.iou), number(record.worst_element_iou)
-    first = f"; redraw first {printable(record.worst_element)}" if record.worst_element else ""
-    return f"IoU {_said(iou)}{first}" + (f" ({_said(worst)})" if first and worst is not None else "")
+    return printable(record.headline_reason) or reason(record)
 
 
 def _short(value: float | None) -> float | None:
     known = number(value)
     return None if known is None else float(f"{known:.6g}")
-
-
-def _said(iou: float | None) -> str:
-    return "unknown" if iou is None else f"{iou:.3f}"
 
 
 def _distributions(records: Sequence[Record], accepted_from: float) -> list[dict[str, Any]]:

@@ -1,0 +1,71 @@
+"""Where on its plane an element may be anywhere: its extent ends there.
+
+Seen from a camera at distance D from a plane, the σ of depth as a share of the depth is σ / D at every point, with σ
+that of the plane's position along its normal there. σ² is a quadratic of the place on the plane, so the places with σ
+up to some limit are an ellipse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.config import ExtentConfig
+from gtlayout.layout import Plane, PlaneFrame
+from gtlayout.raster import spread_points
+from gtlayout.scene import Camera, FloatArray
+
+_SAMPLES = 100
+"""Points of an element among which the one with the least σ is looked for."""
+_CORNERS = 64
+"""Of the polygon within an ellipse: it has all but .2 % of its area."""
+_FLAT = 1e-9
+"""σ² that changes by no more than this share of its limit over a region counts as changing so much: no ellipse is
+endless."""
+_STENCIL = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1]], dtype=np.float64)
+
+
+def known_part(
+    region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], config: ExtentConfig
+) -> BaseGeometry:
+    """What of a region, in ``frame``, has a depth that is known well enough to the camera farthest off the plane.
+
+    The region itself when all of it has, and where nothing is known of σ.
+    """
+    if region.is_empty or not cameras:
+        return region
+    at_vertices, within = (
+        plane.sigma_offset(frame.to_world(uv))
+        for uv in (shapely.get_coordinates(region), spread_points(region, _SAMPLES))
+    )
+    least = float(min(at_vertices.min(), within.min()))
+    distance = max(abs(float(plane.normal @ camera.center_world) + plane.d) for camera in cameras)
+    limit = max(config.max_sigma_depth_share * distance, config.max_sigma_growth * least)
+    # The ellipse is convex: what has its vertices in it is in it.
+    return region.intersection(_ellipse(plane, frame, limit, region)) if (at_vertices > limit).any() else region
+
+
+def _ellipse(plane: Plane, frame: PlaneFrame, limit: float, around: BaseGeometry) -> Polygon:
+    """A polygon within the ellipse, in ``frame``, on which the plane's σ along its normal is at most ``limit``.
+
+    ``limit`` must be more than the least σ in ``around``, whose size is the unit that the quadratic is found in.
+    """
+    low, high = np.reshape(around.bounds, (2, 2))
+    middle, size = (low + high) / 2, float((high - low).max()) / 2
+    at, right, left, up, down, corner = plane.sigma_offset(frame.to_world(middle + size * _STENCIL)) ** 2
+    gradient = np.array([right - left, up - down]) / 2
+    square = np.array([right + left, up + down]) / 2 - at
+    mixed = (corner - at - gradient.sum() - square.sum()) / 2
+    curvature, directions = np.linalg.eigh([[square[0], mixed], [mixed, square[1]]])
+    curvature = np.maximum(curvature, _FLAT * limit**2)
+    slope = directions.T @ gradient
+    centre = -slope / (2 * curvature)
+    least = at + slope @ centre / 2
+    radii: FloatArray = np.sqrt((limit**2 - least) / curvature)
+    angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
+    ring = centre + radii * np.column_stack([np.cos(angle), np.sin(angle)])
+    return Polygon(middle + size * ring @ directions.T)
