@@ -51,7 +51,7 @@ def compute_extents(
         for i in range(len(instances))
     ]
     unrefined = [
-        _ended(region, plane, frame, [scene.frame_of(k).camera for k, _ in instance.members], config)
+        _ended(region, plane, frame, [scene.frame_of(k).camera for k, _ in instance.members], grid, config)
         for region, plane, frame, instance in zip(drawn, planes, frames, instances, strict=True)
     ]
     touching = _unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
@@ -148,11 +148,11 @@ def half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
 
 
 def _ended(
-    region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], config: ExtentConfig
+    region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], grid: float, config: ExtentConfig
 ) -> MultiPolygon:
     """The region without what may be anywhere; ``cameras`` are those it was drawn in."""
     known = known_part(region, plane, frame, cameras, config)
-    return region if known is region else _tidy(known, config)
+    return region if known is region else _tidy(known, grid, config)
 
 
 def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:

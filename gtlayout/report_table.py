@@ -128,7 +128,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         table.add_row("… without the worst 1 % of pixels", figure(depth.trimmed_mean, 4, unit))
         table.add_row("… median", figure(depth.median, 4, unit))
         if depth.within_5cm is not None and depth.within_10cm is not None:
-            within = f"{100 * depth.within_5cm:.1f} %, {100 * depth.within_10cm:.1f} %"
+            within = f"{percent(depth.within_5cm, 1)}, {percent(depth.within_10cm, 1)}"
             table.add_row("pixels within 5 and 10 cm", within)
         table.add_row("… pixels (and without a surface)", f"{depth.pixels} ({depth.missing})")
         for name, mean, pixels in depth.by_instance:

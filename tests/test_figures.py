@@ -147,7 +147,7 @@ def test_evaluation_table_says_what_is_not_known_in_words(unknown: tuple[Scene, 
     nothing = replace(
         evaluate(scene, layout),
         openings_iou=np.nan,
-        depth=DepthError(np.nan, np.nan, np.nan, 0, 0, (("wall_0", np.nan, 0),)),
+        depth=DepthError(np.nan, np.nan, np.nan, np.nan, np.nan, 0, 0, (("wall_0", np.nan, 0),)),
         planes=(PlaneError("a", "wall_0", np.nan, np.nan, np.nan, np.inf),),
         precision=np.nan,
         recall=np.nan,
