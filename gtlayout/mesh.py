@@ -19,7 +19,7 @@ from gtlayout.scene import FloatArray, IntArray
 _WELD_SHARE = 1e-3
 """Vertices closer than this share of the layout's size are one: a few millimetres in a room."""
 _GRID_STEPS = 32.0
-"""The grid of triangles is so many times coarser than that of extents: a corner that moves there by a step stays here."""
+"""The grid of triangles is so many times coarser than that of extents: what moves there by a step stays here."""
 
 
 def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh:
