@@ -16,7 +16,7 @@ from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
-_GRID_PX = 1e-6
+_GRID_PX = 1e-9
 _GAP_STEPS = 4.0
 """Samples of a contact edge further apart than so many usual steps have something hidden between them."""
 _CONTACT_PX = 0.1
@@ -224,9 +224,17 @@ def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
     return count
 
 
+def _straight(geometry: BaseGeometry, grid: float) -> MultiPolygon:
+    """The polygonal part of a geometry without corners on straight lines, its corners in an order of their own.
+
+    Overlays leave such corners by chance; whatever goes on from here has the same to go on with.
+    """
+    return polygons(shapely.normalize(shapely.simplify(polygons(geometry), _STRAIGHT_STEPS * grid)))
+
+
 def _tidy(geometry: BaseGeometry, grid: float, config: ExtentConfig) -> MultiPolygon:
-    """Without the tiny pieces and holes that hand-drawn neighbours leave, and without corners on a straight line."""
-    parts = polygons(shapely.normalize(shapely.simplify(geometry, _STRAIGHT_STEPS * grid)))
+    """Without the tiny pieces and holes that hand-drawn neighbours leave."""
+    parts = _straight(geometry, grid)
     least = config.min_piece * parts.area
     return MultiPolygon(
         [
@@ -298,11 +306,11 @@ def _refine(
     for line, contact in touching:
         gap = _gap(region, line, contact)
         if gap.area <= config.max_growth * area:
-            region = polygons(shapely.union(region, gap, grid_size=grid))
+            region = _straight(shapely.union(region, gap, grid_size=grid), grid)
     for line, contact in touching:
         beyond = _beyond(region, line, contact, _ON_LINE_STEPS * grid)
         if beyond.area <= config.max_cut * area:
-            region = polygons(shapely.difference(region, beyond, grid_size=grid))
+            region = _straight(shapely.difference(region, beyond, grid_size=grid), grid)
     return region
 
 
@@ -325,7 +333,7 @@ def _reach(line: FloatArray, contact: BaseGeometry) -> float:
     return 2 * float(np.abs(_homogeneous(shapely.get_coordinates(contact)) @ line).max())
 
 
-def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseGeometry:
+def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> MultiPolygon:
     """What lies between the intersection line and the region's boundary along the contact: its shadow on the line.
 
     ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
@@ -340,10 +348,10 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> BaseG
         # A point on the line is its own foot: rounding must not put it beyond, where the quad would cross itself.
         points = feet + np.maximum(height, 0.0) * line[:2]
         quads += [Polygon([*points[k : k + 2], *feet[k : k + 2][::-1]]) for k in range(len(points) - 1)]
-    return shapely.union_all([quad for quad in quads if quad.is_valid])
+    return polygons(shapely.union_all([quad for quad in quads if quad.is_valid]))
 
 
-def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, least: float) -> BaseGeometry:
+def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, least: float) -> MultiPolygon:
     """What pokes through the neighbour's plane: the part beyond the intersection line, alongside the contact.
 
     A piece that lies mostly alongside goes whole, for a contact may be seen in part only. Of others, an alcove or the
@@ -362,4 +370,6 @@ def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, least
     pieces = polygons(region.intersection(half_plane(-line - [0.0, 0.0, least], region)))
     parts = [(piece, polygons(piece.intersection(alongside))) for piece in pieces.geoms]
     cut = shapely.union_all([piece if part.area >= piece.area / 2 else part for piece, part in parts])
-    return shapely.union(cut, shapely.transform(cut, lambda uv: uv + least * across))
+    # Back to the line itself, for which the pieces were looked at a little beyond it.
+    beyond = polygons(region.intersection(half_plane(-line, region)))
+    return polygons(beyond.intersection(cut.buffer(2 * least, join_style="mitre")))

@@ -18,6 +18,8 @@ from gtlayout.scene import FloatArray, IntArray
 
 _WELD_SHARE = 1e-3
 """Vertices closer than this share of the layout's size are one: a few millimetres in a room."""
+_GRID_STEPS = 32.0
+"""The grid of triangles is so many times coarser than that of extents: what moves there by a step stays here."""
 
 
 def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh:
@@ -30,7 +32,7 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
     if len(everything) == 0:
         return Mesh.empty()
     size = float(np.linalg.norm(np.ptp(everything, axis=0)))
-    reach, grid = _WELD_SHARE * size, grid_for(size)
+    reach, grid = _WELD_SHARE * size, _GRID_STEPS * grid_for(size)
     regions = [
         polygons(
             shapely.difference(
