@@ -11,6 +11,7 @@ import shapely
 
 from gtlayout.causes import causes
 from gtlayout.config import QualityConfig
+from gtlayout.figures import short
 from gtlayout.headline import Headline, headline
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
@@ -239,7 +240,7 @@ def _judge(
     if extent.unknown_area > 0:
         left, drawn = extent.region.area, extent.region.area + extent.unknown_area
         unit = "m²" if scene.metric else "u²"
-        uncertain.append(f"its extent ends where its depth is unknown: {left:.3g} of {drawn:.3g} {unit} left")
+        uncertain.append(f"its extent ends where its depth is unknown: {short(left)} of {short(drawn)} {unit} left")
     if reach > config.max_reach:
         wrong.append(f"its extent is out of all proportion: it reaches {reach:.1f} times as far as the room")
     return InstanceQuality(
