@@ -6,8 +6,8 @@
 >>> import gtlayout
 >>> scene = gtlayout.load("room")
 >>> solution = gtlayout.solve(scene)
->>> solution.quality.accepted, solution.quality.predicted
-(True, 'trustworthy')
+>>> solution.quality.headline.word
+'trust'
 >>> layout = solution.layout
 >>> [instance.name for instance in layout.instances if instance.label != "wall"]
 ['ceiling_0', 'window_0', 'floor_0', 'door_0']

@@ -371,9 +371,12 @@ class QualityConfig:
     """… and a scene in which it is known for less than this share of the drawn pixels is of no use."""
     min_ok_share: float = 0.5
     """A scene is not trusted when less than this share of its drawn pixels lies on elements that are ok."""
-    max_reach: float = 5.0
-    """An element that reaches farther from every camera that saw it than so many times the median depth of all pixels
-    whose depth is known is out of all proportion."""
+    room_quantile: float = 0.95
+    """A room is as large as this quantile of the distances of all drawn pixels whose depth is known …"""
+    max_reach: float = 1.6
+    """… and an element that reaches so many times as far from every camera that it was drawn in is out of all
+    proportion. In 30 synthetic rooms and 4 real clips extents that are right reach 1.3 times, those that wrong labels
+    or drawings threw across the room 1.7 to 5.7 times."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def _check(
         yield (
             f"{_some(names, far)} out of all proportion to what was seen of the room: look at {names[worst]} first, "
             f"whose {short(extents[worst].region.area)} {'m²' if scene.metric else 'u²'} reach "
-            f"{short(judged[worst].reach)} times the median depth"
+            f"{short(judged[worst].reach)} times as far as the room"
         )
     if measures.predicted == "doubtful":
         blamed = max(range(len(judged)), key=lambda i: _blame(judged[i]))

@@ -11,6 +11,7 @@ import shapely
 
 from gtlayout.causes import causes
 from gtlayout.config import QualityConfig
+from gtlayout.figures import short
 from gtlayout.headline import Headline, headline
 from gtlayout.layout import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
@@ -53,8 +54,8 @@ class InstanceQuality:
     drawn_share: float = 0.0
     """Share of all drawn pixels that lie on it."""
     reach: float = np.nan
-    """How far its extent reaches from the nearest camera that it was drawn in, in median depths of what is known; NaN
-    without extent, or when nothing is known."""
+    """How far its extent reaches from the nearest camera that it was drawn in, as a multiple of the room's size; NaN
+    without extent, or when nothing is known. The room is as large as 95 % of the known pixels are near."""
 
 
 @dataclass(frozen=True)
@@ -101,15 +102,10 @@ class _Drawn:
 
     instance: IntArray
     """(N,) that lies on top."""
-    depth: FloatArray
-    """(N,) at which its plane is seen, world unit; NaN where it is not."""
+    distance: FloatArray
+    """(N,) from the camera to its plane, world unit; NaN where the plane is not seen."""
     sigma_share: FloatArray
-    """(N,) σ of that depth as a share of it, at most 1; 1 also where a plane is unobservable or not seen."""
-
-    def known_depth(self, config: QualityConfig) -> float:
-        """Median depth of the pixels whose depth is known, world unit; NaN when that are none."""
-        known = self.depth[self.sigma_share <= config.known_sigma_depth_share]
-        return float(np.median(known)) if len(known) else np.nan
+    """(N,) σ of depth as a share of it, at most 1; 1 also where a plane is unobservable or not seen."""
 
 
 def assess(
@@ -128,7 +124,7 @@ def assess(
     drawn = _drawn_pixels(scene, instances, planes)
     share = float(drawn.sigma_share.mean()) if len(drawn.instance) else 1.0
     known = drawn.sigma_share <= config.known_sigma_depth_share
-    known_depth = drawn.known_depth(config)
+    room = float(np.quantile(drawn.distance[known], config.room_quantile)) if known.any() else np.nan
     judged = []
     for i, (instance, plane, extent) in enumerate(zip(instances, planes, extents, strict=True)):
         one = _judge(
@@ -137,7 +133,7 @@ def assess(
             plane,
             extent,
             float(np.mean([e.iou for e in elements if e.instance == i])),
-            _reach(scene, instance, extent) / known_depth,
+            _reach(scene, instance, extent) / room,
             config,
         )
         judged.append(replace(one, drawn_share=float(np.mean(drawn.instance == i)) if len(drawn.instance) else 0.0))
@@ -174,18 +170,19 @@ def element_ious(
 
 
 def _drawn_pixels(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> _Drawn:
-    owners, depths, shares = [np.empty(0, dtype=np.int64)], [np.empty(0)], [np.empty(0)]
+    owners, distances, shares = [np.empty(0, dtype=np.int64)], [np.empty(0)], [np.empty(0)]
     for k in range(len(scene.key_frames)):
         camera = scene.frame_of(k).camera
         labels = annotated_labels(scene, instances, k)[::_STEP_PX, ::_STEP_PX]
         for i in np.unique(labels[labels >= 0]):
             y, x = np.nonzero(labels == i)
-            sigma, depth = _sigma_depth(planes[i], camera, np.column_stack([x, y]).astype(np.float64) * _STEP_PX + 0.5)
+            points_px = np.column_stack([x, y]).astype(np.float64) * _STEP_PX + 0.5
+            sigma, depth = _sigma_depth(planes[i], camera, points_px)
             known = planes[i].observable & (sigma < depth)
             owners.append(np.full(len(x), i))
-            depths.append(depth)
+            distances.append(depth * np.linalg.norm(camera.rays_world(points_px), axis=1))
             shares.append(np.where(known, sigma / depth, 1.0))
-    return _Drawn(np.concatenate(owners), np.concatenate(depths), np.concatenate(shares))
+    return _Drawn(np.concatenate(owners), np.concatenate(distances), np.concatenate(shares))
 
 
 def mean_by_frame(scene: Scene, instances: Sequence[Instance], elements: Sequence[ElementIoU]) -> tuple[float, ...]:
@@ -243,9 +240,9 @@ def _judge(
     if extent.unknown_area > 0:
         left, drawn = extent.region.area, extent.region.area + extent.unknown_area
         unit = "m²" if scene.metric else "u²"
-        uncertain.append(f"its extent ends where its depth is unknown: {left:.3g} of {drawn:.3g} {unit} left")
+        uncertain.append(f"its extent ends where its depth is unknown: {short(left)} of {short(drawn)} {unit} left")
     if reach > config.max_reach:
-        wrong.append(f"its extent is out of all proportion: it reaches {reach:.1f} median depths far")
+        wrong.append(f"its extent is out of all proportion: it reaches {reach:.1f} times as far as the room")
     return InstanceQuality(
         iou,
         sigma_normal_deg,

@@ -9,6 +9,8 @@ from gtlayout.batch.record import Record
 SOLVED = Record(
     "a",
     "accepted",
+    headline="trust",
+    headline_reason="IoU 0.900",
     iou=0.9,
     seconds=2.0,
     stages_s={"tracking": 1.0, "mesh": 0.5},

@@ -16,6 +16,7 @@ from gtlayout.batch import cluster
 from gtlayout.batch import fingerprint as fingerprints
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.job import Job, Settings
+from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import RECORD_FILE, Record, scene_folder, write_record
 from gtlayout.batch.run import _merged, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
@@ -132,6 +133,8 @@ class TestRunFolder:
         assert table.column("seconds_tracking").to_pylist() == [None, 1.0]
         assert [row["iou"] for row in rows] == ["", "0.9"]
         assert rows[1]["reason"] == 'σ, "quoted"'
+        assert [row["headline"] for row in rows] == ["", "trust"]
+        assert table.column("headline_reason").to_pylist() == ["", "IoU 0.900"]
         assert str(table.schema.field("metric").type) == "bool"
         assert list(rows[0]) == table.column_names
         assert "files" not in table.column_names
@@ -198,6 +201,15 @@ class TestRestarts:
             assert np.array_equal(one.normal, other.normal)
             assert one.d == other.d
         assert len({solution.quality.iou for solution in apart}) == 2
+
+
+def test_progress_counts_scenes_by_their_headline() -> None:
+    progress = RunProgress()
+    progress.begin(5, 2, "http://127.0.0.1")
+    done = [SOLVED, SOLVED, replace(SOLVED, headline="redo"), Record("a", "failed", "died", "died of SIGSEGV")]
+    for record in done:
+        progress.done(record, same=True)
+    assert progress.line().startswith("4/5 done, 2 trust, 0 check, 1 redo, 1 failed, 4 as before")
 
 
 class TestCommand:

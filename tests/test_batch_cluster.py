@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from distributed import Client
@@ -15,6 +17,7 @@ from broken_scenes import link_scene, misbehave
 from dask_processes import DaskProcesses, dask_processes, kill, left_behind
 from gtlayout.batch.record import scene_folder
 from gtlayout.batch.run_folder import read_run
+from gtlayout.headline import Word
 from gtlayout.synth import SynthConfig, synthesize
 
 FILES = {"layout.json", "layout.glb", "layout.ply", "quality.json", "report.html", "thumbnail.jpg", "record.json"}
@@ -53,6 +56,14 @@ def test_scenes_are_solved_by_both_workers_though_one_is_lost(dask: DaskProcesse
     found = read_run(run)
     assert sorted(found.records) == names
     assert {record.status for record in found.records.values()} == {"accepted"}
+    ((word, why),) = {(record.headline, record.headline_reason) for record in found.records.values()}
+    quality = json.loads((scene_folder(run, "a") / "quality.json").read_text(encoding="utf-8"))
+    assert (word, why) == (quality["headline"]["word"], "; ".join(quality["headline"]["reasons"]))
+    assert all((word == "trust") or record.reason.startswith(why) for record in found.records.values())
+    assert (
+        f"5 scenes: {', '.join(f'{5 * (each == word)} {each}' for each in get_args(Word))}, 0 failed; 5 accepted"
+        in (log.read_text())
+    )
     assert [found.records[name].attempts for name in names] == [1, 1, 2, 1, 1]
     layouts = {(scene_folder(run, name) / "layout.json").read_bytes() for name in names}
     assert len(layouts) == 1  # it is the same room under five names

@@ -63,7 +63,15 @@ class TestResults:
 
     @pytest.mark.parametrize(
         "wrong",
-        [{"iou": "high"}, {"weak": True}, {"stages_s": {"mesh": "x"}}, {"files": 3}, {"attempts": None}, {"z": 1}],
+        [
+            {"iou": "high"},
+            {"weak": True},
+            {"stages_s": {"mesh": "x"}},
+            {"files": 3},
+            {"attempts": None},
+            {"headline": "fine"},
+            {"z": 1},
+        ],
     )
     def test_a_record_of_something_else_is_none(self, tmp_path: Path, wrong: dict[str, object]) -> None:
         """No table could be written with it."""

@@ -95,13 +95,19 @@ def test_default_for_a_frame_is_half() -> None:
     assert QualityConfig().min_frame_iou == 0.5
 
 
-@pytest.mark.parametrize(("times", "word"), [(4.9, "trust"), (5.1, "check")])
-def test_extent_out_of_all_proportion_is_to_be_checked(times: float, word: str) -> None:
-    """The walls are seen 10 m away: one that goes on to 51 m from the camera is out of proportion, and not ok.
+def room_m(*cameras_at_y: float) -> float:
+    """The 95 % quantile of the distances at which the three walls are seen from there, on the grid of the pixels."""
+    x, z = np.meshgrid((np.arange(0, 96, 4) + 0.5 - 50) / 100, (40 - np.arange(0, 80, 4) - 0.5) / 100)
+    rays = np.sqrt(1 + x**2 + z**2)
+    return float(np.quantile(np.concatenate([(10 - y) * rays.ravel() for y in cameras_at_y]), 0.95))
 
-    It goes on as a strip too thin for a pixel, 4 m below the camera: the IoU does not tell.
+
+@pytest.mark.parametrize(("times", "word"), [(1.59, "trust"), (1.61, "check")])
+def test_extent_out_of_all_proportion_is_to_be_checked(times: float, word: str) -> None:
+    """One of the walls goes on far beyond what any camera shows, 4 m below them, as a strip too thin for a pixel: the
+    IoU does not tell. It is not ok, either.
     """
-    aside = np.sqrt((times * 10) ** 2 - 10**2 - 4**2)
+    aside = np.sqrt((times * room_m(0.0)) ** 2 - 10**2 - 4**2)
     strip = box(0, 0, aside - RIGHT.corners[0, 0], 1e-6)
     far = replace(RIGHT.extent, region=polygons(RIGHT.extent.region.union(strip)))
     quality = judged(extents=[LEFT.extent, MIDDLE.extent, far])
@@ -109,18 +115,22 @@ def test_extent_out_of_all_proportion_is_to_be_checked(times: float, word: str) 
     assert quality.instances[2].reach == pytest.approx(times)
     assert quality.headline.word == word
     if word == "check":
-        (reason,) = quality.headline.reasons
-        assert reason.startswith("wall_2 is out of all proportion to what was seen of the room: look at wall_2 first, ")
-        assert reason.endswith(" m² reach 5.1 times the median depth")
+        assert quality.headline.reasons == (
+            "wall_2 is out of all proportion to what was seen of the room: look at wall_2 first, "
+            "whose 25.6 m² reach 1.61 times as far as the room",
+        )
         assert quality.instances[2].verdict == "weak"
-        assert quality.instances[2].reason == "its extent is out of all proportion: it reaches 5.1 median depths far"
+        assert (
+            quality.instances[2].reason
+            == "its extent is out of all proportion: it reaches 1.6 times as far as the room"
+        )
 
 
 def test_reach_is_from_the_nearest_camera_that_drew_it() -> None:
-    """From 10 m away to the corner at (−5, 10, 4), from 15 m it is farther; the median depth is between the two."""
+    """To the corner at (−5, 10, 4) from the two cameras 10 m away, not from the one 15 m away."""
     cameras = [rooms.level_camera([0, -5, 0], 100.0, 100, 80), CAMERA, CAMERA]
-    quality = judged(scene=rooms.seen_from(cameras, SURFACES))
-    assert quality.instances[0].reach == pytest.approx(np.linalg.norm([5.0, 10.0, 4.0]) / 10.0)
+    left, middle, _ = judged(scene=rooms.seen_from(cameras, SURFACES)).instances
+    assert left.reach / middle.reach == pytest.approx(np.linalg.norm([5, 10, 4]) / np.linalg.norm([1.8, 10, 4]))
     assert np.isnan(judged([LOST] * 3).instances[0].reach), "nothing is known to compare it with"
 
 

@@ -16,6 +16,7 @@ from playwright.sync_api import Page
 from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.headline import Headline, Word
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.layout_files import write_results
@@ -114,6 +115,18 @@ def test_page_without_metric_scale_or_mesh_or_photos_says_so(solution: Solution)
     assert "not metres" in bare
     assert 'id="room-view"' not in bare
     assert len(bare) < 1_000_000, "plotly is left out"
+
+
+@pytest.mark.parametrize(("word", "colour"), [("trust", "good"), ("check", "warn"), ("redo", "bad")])
+def test_page_begins_with_the_headline(solution: Solution, word: Word, colour: str) -> None:
+    quality = replace(solution.quality, headline=Headline(word, ("the <first> reason", "another")))
+    photos = [None] * len(solution.scene.key_frames)
+    data = report_data(solution.scene, solution.layout, quality, photos, timings_s={}, config={}, versions={})
+    html = html_of(data, plotly_src="plotly.min.js")
+    first = html.index(f'<h2><span class="{colour}">{word.capitalize()}</span>: the &lt;first&gt; reason</h2>')
+    assert f'<section id="verdict" class="verdict {word}">' in html
+    assert first < html.index("<li>another</li>") < html.index("accepted</b>") < html.index("predicted <b")
+    assert html.index("predicted <b") < html.index('<section id="elements">')
 
 
 def test_many_key_frames_are_shown_smaller() -> None:
