@@ -291,7 +291,7 @@ def _median(values: FloatArray, higher_is_better: bool) -> str:
 def _points(k: int, count: int) -> dict[str, Any]:
     """How the k-th of several kinds of points looks, smaller when there are many."""
     size = 28 if count < 300 else 14
-    look = {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)]}
+    look = {"color": COLORS[k % len(COLORS)], "marker": MARKERS[(k + k // len(COLORS)) % len(MARKERS)]}
     return {**look, "s": size, "alpha": 0.75, "linewidths": 0, "clip_on": False}
 
 

@@ -44,7 +44,8 @@ def values(path: Path) -> dict[str, dict[str, float]]:
 def test_real_clips_end_to_end(
     clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A clip in two forms beside one without truth and one whose images are damaged: each has a row that says so."""
+    """A clip in two forms beside one that cannot be read and one with damaged images: each has a row that says so."""
+    monkeypatch.setattr(variant_tables, "measured_apart", measured_here)
     root, out = tmp_path / "clips", tmp_path / "out"
     shutil.copytree(clips / "box", root / "box")
     shutil.copytree(clips / "box", root / "grey")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from clip_forms import forms, sources_by_id, write_video
+from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.images import read_rgb
@@ -324,6 +326,15 @@ def test_a_solve_apart_says_what_it_took(room: Path, tmp_path: Path) -> None:
     assert whole["depth_error_median"] < 1.0, "metres, not millimetres"
     assert whole["planes"] + whole["missing"] == len(rows) - 1
     assert sum(figures(of)["off"] for key, of in rows.items() if key != WHOLE and of) == whole["off"]
+
+
+def test_a_solve_apart_that_fails_says_why(room: Path, tmp_path: Path) -> None:
+    shutil.copytree(room, tmp_path / "grey")
+    for image in (tmp_path / "grey/images").iterdir():
+        image.write_bytes(b"no image")
+    with pytest.raises(GtlayoutError, match=r"image") as caught:
+        measured_apart("forms", tmp_path / "grey", "as it is")
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux forgets")
