@@ -10,8 +10,8 @@
 'trust'
 >>> layout = solution.layout
 >>> [instance.name for instance in layout.instances if instance.label != "wall"]
-['ceiling_0', 'window_0', 'floor_0', 'door_0']
->>> ceiling = layout.planes[0]
+['floor_0', 'ceiling_0', 'door_0', 'window_0']
+>>> ceiling = layout.planes[1]
 >>> ceiling.normal.round(1) + 0.0  # n · X + d = 0, towards the cameras; the z of this world is up
 array([ 0.,  0., -1.])
 >>> 0 < ceiling.sigma_depth_m < 0.05
