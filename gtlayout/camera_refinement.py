@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from gtlayout.config import CameraRefinementConfig, Config
 from gtlayout.estimation import MOVED_SIGMAS
 from gtlayout.evidence import Normalisation
+from gtlayout.figures import figure
 from gtlayout.graph import spread_observations
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
@@ -69,7 +70,7 @@ def refine_cameras(scene: Scene, tracks: Tracks, rays: Rays, config: Config) -> 
             break
         best_cost, best_px, freedom, min_gain = cost, px, tried, own.min_gain_looser
     if freedom == 0.0:
-        reason = f"points it did not see lie {given_px:.2f} px off before and {px:.2f} px after"
+        reason = f"points it did not see lie {figure(given_px, 2, ' px')} off before and {figure(px, 2, ' px')} after"
         return scene, CameraReport(reason, given_px=given_px, refined_px=px)
     refined = _adjusted(scene, tracks, rays, order, freedom, own)
     turns_deg, shifts = _moved(scene, refined, np.unique(tracks.frame[np.isin(tracks.track, order)]))

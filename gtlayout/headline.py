@@ -65,10 +65,10 @@ def _redo(scene: Scene, instances: Sequence[Instance], measures: Measures, confi
         )
     if not measures.accepted:
         worst = measures.elements[measures.worst_element]
-        lost = not _is_placed(measures.instances[worst.instance])
+        placed = _is_placed(measures.instances[worst.instance])
         first = f"{drawing(scene, instances, worst)} ({figure(worst.iou, 3)})"
         yield f"IoU {figure(measures.iou, 3)} is below {config.accept_iou:g}: " + (
-            f"worst is {first}, whose depth is not known" if lost else f"redraw {first} first"
+            f"redraw {first} first" if placed else f"worst is {first}, whose depth is not known"
         )
 
 
@@ -105,8 +105,8 @@ def _check(
             f"{100 * config.trusted_sigma_depth_share:g} %: look at {names[blamed]} first, which adds most"
         )
     good = [one for one in judged if one.verdict == "ok"]
-    if _share(good) < config.min_ok_share:
-        others = [i for i, one in enumerate(judged) if one.verdict != "ok"]
+    others = [i for i, one in enumerate(judged) if one.verdict != "ok"]
+    if others and _share(good) < config.min_ok_share:
         largest = names[max(others, key=lambda i: judged[i].drawn_share)]
         yield (
             f"only {len(good)} of {len(judged)} elements, {percent(_share(good))} of what is drawn, are ok: "

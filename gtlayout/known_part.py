@@ -24,8 +24,7 @@ _SAMPLES = 100
 _CORNERS = 64
 """Of the polygon within an ellipse: it has all but .2 % of its area."""
 _FLAT = 1e-9
-"""σ² that changes by no more than this share of its limit over a region counts as changing so much: no ellipse is
-endless."""
+"""σ² is taken to change over a region by at least this share of its limit: no ellipse is endless."""
 _STENCIL = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1]], dtype=np.float64)
 
 
@@ -67,5 +66,6 @@ def _ellipse(plane: Plane, frame: PlaneFrame, limit: float, around: BaseGeometry
     least = at + slope @ centre / 2
     radii: FloatArray = np.sqrt((limit**2 - least) / curvature)
     angle = 2 * np.pi * np.arange(_CORNERS) / _CORNERS
-    ring = centre + radii * np.column_stack([np.cos(angle), np.sin(angle)])
+    # By the symmetric root of the curvature: signs and order of eigenvectors differ from one CPU to another.
+    ring = centre + radii * (np.column_stack([np.cos(angle), np.sin(angle)]) @ directions)
     return Polygon(middle + size * ring @ directions.T)

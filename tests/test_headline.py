@@ -188,6 +188,16 @@ def test_redo_wins_and_all_reasons_are_given() -> None:
     assert [reason.split()[0] for reason in found.reasons] == ["depth", "IoU", "wall_2", "wall_1", "σ", "no"]
 
 
+def test_drawing_too_small_to_be_sampled_is_no_crash() -> None:
+    """Two pixels between those of the grid: nothing is known of what is drawn, though the element is ok."""
+    surface = rooms.facing(1, 1, 3, 3)
+    scene = rooms.seen_from([CAMERA], [surface])
+    quality = assess(scene, rooms.instances_of([surface], 1), [surface.plane], [surface.extent], QualityConfig())
+    assert quality.instances[0].verdict == "ok"
+    assert quality.headline.word == "redo"
+    assert quality.headline.reasons[0].startswith("depth is known to 10 % for only 0 % of what is drawn")
+
+
 def test_many_names_are_counted() -> None:
     surfaces = [rooms.facing(x, 0, x + 10, 80) for x in range(0, 100, 10)]
     scene = rooms.seen_from([CAMERA], surfaces)
