@@ -77,8 +77,9 @@ def test_mesh_is_that_of_the_layout(example: dict[str, Any]) -> None:
     mesh = layout.mesh()
     np.testing.assert_array_equal(mesh.vertices, layout.triangles.vertices)
     np.testing.assert_array_equal(mesh.face_attributes["instance"], layout.triangles.face_instance)
-    ceiling = (mesh.face_attributes["instance"] == 0) & (mesh.area_faces > 1e-4)
-    np.testing.assert_allclose(mesh.face_normals[ceiling] @ layout.planes[0].normal, 1, atol=1e-6)
+    index = [instance.label for instance in layout.instances].index("ceiling")
+    ceiling = (mesh.face_attributes["instance"] == index) & (mesh.area_faces > 1e-4)
+    np.testing.assert_allclose(mesh.face_normals[ceiling] @ layout.planes[index].normal, 1, atol=1e-6)
     assert len(mesh.vertex_attributes["sigma"]) == len(mesh.vertices)
 
 
