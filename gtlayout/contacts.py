@@ -56,10 +56,15 @@ def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfi
 
 
 def _all_there_is(evidence: Evidence, pair: Pair) -> bool:
-    """Whether one of a pair has nothing but this contact: then nothing contradicts it."""
+    """Whether one of a pair has nothing but this contact: then nothing contradicts it.
+
+    Doors and windows have their walls, and walls their doors and windows.
+    """
     return any(
         np.count_nonzero(evidence.touching[s]) == 1
         and not (evidence.track_weight[evidence.track_surface == s] > 0).any()
+        and evidence.host[s] < 0
+        and s not in evidence.host
         for s in pair
     )
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from gtlayout.config import EstimationConfig, TriangulationConfig
-from gtlayout.contacts import start_without_wrong_contacts
+from gtlayout.contacts import _disagreeing, start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.evidence import Evidence, Normalisation, gather
 from gtlayout.scene import FloatArray
@@ -105,3 +106,26 @@ def test_one_slip_of_the_hand_does_not_part_two_surfaces(room: Room) -> None:
     evidence, kept, off = start(room, edges, 0)
     assert pairs(kept) == pairs(evidence)
     assert off.max() < 0.05
+
+
+@pytest.mark.parametrize("hosted", [False, True])
+def test_a_contact_is_only_kept_blindly_where_it_is_all_there_is(room: Room, hosted: bool) -> None:
+    """The partition has no tracks and touches the floor alone, but starts in the floor's own plane, 100 px off.
+
+    With a door of its own in it, or as a door in a wall, it would have more to go by.
+    """
+    partition, floor, far = named(room, "wall_6", "floor_0", "wall_5")
+    edges = [*true_edges(room), *edges_along(room, (partition, floor), BOTTOM_LEFT, BOTTOM_RIGHT)]
+    _, kept, _ = start(room, edges, 0, without=[partition])
+    instances = list(room.instances)
+    if hosted:
+        instances[far] = replace(instances[far], host=partition)
+    evidence, _, _ = start(replace(room, instances=tuple(instances)), edges, 0, without=[partition])
+    planes = room.planes.copy()
+    tracks = make_tracks(room, np.random.default_rng(0), drifting=0.1, without=[partition])
+    local = Normalisation.of(triangulate(room.scene, tracks, TriangulationConfig()))
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
+    planes[partition] = planes[floor]
+    dropped = _disagreeing(evidence, planes, CONFIG)
+    assert ((min(partition, floor), max(partition, floor)) in dropped) == hosted
+    assert pairs(kept) == pairs(evidence)
