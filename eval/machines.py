@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -60,6 +60,7 @@ def measure(
         f"{folder}/{name}": path for folder, found in scenes_by_folder(roots).items() for name, path in found.items()
     }
     older = imitations()
+    scenes_there: dict[str, list[Metric]] = {}
     solved: dict[str, list[Metric]] = {}
     made: dict[str, list[Metric]] = {}
     with tempfile.TemporaryDirectory() as work:
@@ -67,13 +68,17 @@ def measure(
         rooms_here = make_rooms(rooms, Path(work, "rooms"), {})
         for name, variables in older.items():
             there = solve_all(scenes, Path(work, name), variables)
+            rows = {}
             for scene, found in there.items():
-                solved[f"{scene}: {name}"], other = compare(here[scene], found)
+                rows[f"{scene}: {name}"], other = compare(here[scene], found)
                 if other:
                     print(f"{scene}, {name}: other {', '.join(other)}", file=sys.stderr)
+            scenes_there |= rows
+            solved[name] = worst_of(list(rows.values()))
             made[name] = compare_files(rooms_here, make_rooms(rooms, Path(work, f"{name} rooms"), variables))
-    for table, rows, title in (("solved", solved, "scene and processor"), ("rooms", made, "processor")):
-        write_tables(out, table, rows, title)
+    write_tables(out, "scenes", scenes_there, "scene and processor")
+    for table, summary in (("solved", solved), ("rooms", made)):
+        write_tables(out, table, summary, "processor")
         print((out / f"{table}.md").read_text(encoding="utf-8"))
     print(f"Results: {out}")
 
@@ -147,6 +152,15 @@ def compare(one: Found, other: Found) -> tuple[list[Metric], list[str]]:
         Metric("iou", _largest(difference(one.stages["ious"], other.stages["ious"])), "", False),
     ]
     return row, decided
+
+
+def worst_of(rows: Sequence[Sequence[Metric]]) -> list[Metric]:
+    """The largest of each number over scenes, and how many scenes have other decisions."""
+    others = sum(metric.value > 0 for row in rows for metric in row if metric.key == "other decisions")
+    largest = [
+        replace(column[0], value=_largest(np.array([m.value for m in column]))) for column in zip(*rows, strict=True)
+    ]
+    return [Metric("scenes", len(rows), "", None), Metric("decided otherwise", others, "", False), *largest]
 
 
 def offsets(one: Found, other: Found) -> tuple[FloatArray, FloatArray]:

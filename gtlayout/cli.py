@@ -70,7 +70,7 @@ def solve(
     restarts
         Solve this many times, all but the first on random subsets of the tracks, and keep the best IoU.
     seed
-        Seed of everything random; the same seed gives the same bytes.
+        Seed of everything random; the same seed gives the same bytes on one kind of processor.
     verbose
         Print stage timings and every warning.
     """

@@ -393,7 +393,7 @@ class Config:
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
     seed: int = 0
-    """Of everything random: the same seed gives the same bytes."""
+    """Of everything random: the same seed gives the same bytes on one kind of processor."""
     refine_cameras: bool = False
     """Whether to refine the camera poses with the tracks before anything is built on them."""
     restarts: int = 1

@@ -29,7 +29,7 @@ from gtlayout.synth.plans import Plan, l_shaped, polygon, slanted, two_rooms
 from gtlayout.synth.surfaces import Box, make_surface
 from gtlayout.two_planes import _with_the_others
 
-JITTERS = 6
+JITTERS = 4
 ROUNDING = 1e-15
 """As much as the planes of one scene differ between two kinds of processor, relative."""
 HAND_PX = 1.5
@@ -91,7 +91,7 @@ def _surfaces(scene: Scene, instances: tuple[Instance, ...], planes: list[Plane]
     return extents, build_mesh(instances, extents)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_extents_and_mesh_are_the_same_when_planes_differ_by_rounding(seed: int) -> None:
     scene, planes = _drawn_room(seed)
     instances = rooms.instances_of(SURFACES, len(scene.key_frames))

@@ -13,7 +13,7 @@ import pytest
 import machines
 import processors
 from gtlayout.scene import FloatArray
-from machines import Found, compare
+from machines import Found, compare, worst_of
 from metrics import read_rows
 
 PROCESSORS = Path(processors.__file__)
@@ -87,7 +87,14 @@ def _row(path: Path) -> dict[tuple[str, str], float]:
 
 def test_an_older_processor_decides_alike_and_puts_planes_in_the_same_place(tables: Path) -> None:
     row = _row(tables / "solved.json")
-    assert row["other decisions", ""] == row["moved observations", ""] == row["points", "px"] == 0
+    assert row["scenes", ""] == 1
+    assert (
+        row["decided otherwise", ""]
+        == row["other decisions", ""]
+        == row["moved observations", ""]
+        == row["points", "px"]
+        == 0
+    )
     assert row["normals", ""] < PROMISED
     assert row["offsets", "u"] < PROMISED
     assert row["offsets", "σ"] < PROMISED
@@ -133,6 +140,19 @@ def test_differences_are_told_in_numbers_and_names() -> None:
     row, decided = compare(one, fewer)
     assert decided == ["observations", "points_px"]
     assert [metric.key for metric in row if np.isnan(metric.value)] == ["moved observations", "points"]
+
+
+def test_the_worst_scene_counts() -> None:
+    plane, points = np.array([[0.0, 0.0, 1.0, -2.0]]), np.array([[1.0, 2.0]])
+    one = _found(plane, points)
+    moved = [
+        _found(plane + np.array([0.0, 0.0, 0.0, d]), points, verdict) for d, verdict in ((0.5, "ok"), (0.25, "weak"))
+    ]
+    none = replace(one, stages=one.stages | {"planes": plane[:0]})
+    row = worst_of([compare(one, other)[0] for other in (*moved, none)])
+    values = {(metric.key, metric.unit): metric.value for metric in row}
+    assert (values["scenes", ""], values["decided otherwise", ""]) == (3, 2)
+    assert values["offsets", "u"] == 0.5
 
 
 def test_without_anything_to_compare_it_says_so(

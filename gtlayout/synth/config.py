@@ -32,7 +32,7 @@ class SynthConfig:
     """One synthetic scene."""
 
     seed: Annotated[int, Parameter(validator=NotNegative)] = 0
-    """Everything random follows from it; the same seed gives the same bytes."""
+    """Everything random follows from it; the same seed gives the same bytes on one kind of processor."""
     camera_format: CameraFormat = "native"
     """How images and cameras are written; native = nerfstudio's transforms.json."""
     annotation_format: AnnotationFormat = "native"

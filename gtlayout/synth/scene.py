@@ -47,7 +47,8 @@ class Shot:
 def synthesize(
     out: Path, config: SynthConfig, progress: Callable[[int, int], None] = lambda _done, _total: None
 ) -> None:
-    """Write the scene ``config`` describes to the folder ``out``: all of it or nothing, the same bytes every time.
+    """Write the scene ``config`` describes to the folder ``out``: all of it or nothing, the same bytes every time on
+    one kind of processor.
 
     Images, cameras, annotations, and the truth: ``gt_planes.json`` and, where the format knows depth, maps for the key
     frames of what is seen, furniture included. Images, depth and planes are of the true world, whatever errors the
