@@ -18,6 +18,7 @@ from gtlayout.triangulation import Rays
 
 _VIEW_POINTS = 12
 """Pixels sampled on each drawing of a surface."""
+_ROUNDING_PX = 1e-6
 _MIN_DIHEDRAL = 0.2
 """Planes at less than this angle (radians) make no edge that an annotator would draw."""
 TYPICAL_DEPTH = 2.5
@@ -286,11 +287,13 @@ def _edge_groups(
 ) -> tuple[EdgeGroup, ...]:
     """The contact edges whose planes meet in a line: not those between an opening and its host, or within one host."""
     root = np.where(host >= 0, host, np.arange(len(host)))
+    # Samples come in whole steps, so that many edges are just as long as the least, but for rounding.
+    least_px = [min_length_px * camera.hand_px - _ROUNDING_PX for camera in key_cameras]
     return tuple(
         EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
         for edge in edges
         if root[edge.instances[0]] != root[edge.instances[1]]
-        and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= min_length_px * key_cameras[edge.key_frame].hand_px
+        and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= least_px[edge.key_frame]
     )
 
 
