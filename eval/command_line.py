@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-import gtlayout.cli
+import gtlayout.console
 
 GTLAYOUT = (sys.executable, "-c", "import sys; from gtlayout.cli import main; sys.exit(main())")
 """What the command ``gtlayout`` is."""
@@ -29,4 +29,4 @@ def new_app(name: str, purpose: str | None) -> App:
 
 def exit_status(app: App, arguments: list[str] | None) -> int:
     """Run the command line; known problems are one line on stderr."""
-    return gtlayout.cli.exit_status(app, arguments, "interrupted; what is finished is kept, run it again to go on")
+    return gtlayout.console.exit_status(app, arguments, "interrupted; what is finished is kept, run it again to go on")

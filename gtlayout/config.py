@@ -112,7 +112,7 @@ class CorrespondenceConfig:
 
 @dataclass(frozen=True)
 class EdgeConfig:
-    """Stage 3. Pixels are those of an image of 640x480; see ``Camera.hand_px`` for others."""
+    """Stage 3. Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others."""
 
     max_gap_px: float = 4.0
     """Two boundaries closer than this run along each other."""
@@ -132,7 +132,7 @@ class EdgeConfig:
 class InitializationConfig:
     """Stage 4, starting planes: costs by which hypotheses are chosen (σ of tracks is whitened already).
 
-    Pixels are those of an image of 640x480; see ``Camera.hand_px`` for others.
+    Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others.
     """
 
     draws: int = 100
@@ -189,7 +189,7 @@ class UncertaintyConfig:
 class EstimationConfig:
     """Stage 4: noise model. The unit of length is 1/2.5 of the median depth: about a metre in a room.
 
-    Pixels of drawings (not of tracks) are those of an image of 640x480; see ``Camera.hand_px`` for others.
+    Pixels of drawings (not of tracks) are those of an image of 640x480; see ``Camera.annotation_scale`` for others.
     """
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)

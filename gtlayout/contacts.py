@@ -86,7 +86,7 @@ def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
     for group in evidence.edges:
         a, b = group.surfaces
         if np.isfinite(planes[[a, b], 0]).all():
-            distance_px = np.abs(group.distances_px(planes[[a]], planes[b])) / group.camera.hand_px
+            distance_px = np.abs(group.distances_px(planes[[a]], planes[b])) / group.camera.annotation_scale
             distance_px = np.minimum(distance_px, _NONSENSE_PX)
             found.setdefault(_pair(group), []).append(float(np.sqrt(np.mean(distance_px**2))))
     return {pair: float(np.median(distances)) for pair, distances in found.items()}

@@ -45,7 +45,7 @@ def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfi
             element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k
         }
         camera = scene.frame_of(k).camera
-        own = EdgeConfig(*(value * camera.hand_px for value in astuple(config)))
+        own = EdgeConfig(*(value * camera.annotation_scale for value in astuple(config)))
         excluded = _no_contact(key_frame, camera, own)
         for a, b in combinations(sorted(members), 2):
             points_px = _shared_boundary(key_frame.elements[a], key_frame.elements[b], excluded, own)

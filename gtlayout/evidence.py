@@ -288,7 +288,7 @@ def _edge_groups(
     """The contact edges whose planes meet in a line: not those between an opening and its host, or within one host."""
     root = np.where(host >= 0, host, np.arange(len(host)))
     # Samples come in whole steps, so that many edges are just as long as the least, but for rounding.
-    least_px = [min_length_px * camera.hand_px - _ROUNDING_PX for camera in key_cameras]
+    least_px = [min_length_px * camera.annotation_scale - _ROUNDING_PX for camera in key_cameras]
     return tuple(
         EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
         for edge in edges

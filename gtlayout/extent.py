@@ -13,6 +13,7 @@ from gtlayout.config import ExtentConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.known_part import known_part
 from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
+from gtlayout.polygons import flat, grid_for, half_plane, homogeneous, polygons
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
@@ -21,12 +22,10 @@ _GAP_STEPS = 4.0
 """Samples of a contact edge further apart than so many usual steps have something hidden between them."""
 _CONTACT_PX = 0.1
 """A contact edge's line is kept to this."""
-_GRID_SHARE = 1e-9
 _ON_LINE_STEPS = 10.0
 """A region that ends on a line, to the grid's precision, may reach beyond it by less than so many of its steps."""
 _STRAIGHT_STEPS = 1e3
 """A corner so near to the line through its neighbours (some micrometres in a room) is none."""
-_BOX = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def compute_extents(
@@ -75,7 +74,7 @@ def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[P
     for instance, plane in zip(instances, planes, strict=True):
         for key_frame, element in instance.members if plane.observable else ():
             region = scene.key_frames[key_frame].elements[element].amodal
-            inverse = _homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
+            inverse = homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
                 plane, scene.frame_of(key_frame).camera
             )
             depths.append(1 / inverse[inverse > 0])
@@ -101,50 +100,8 @@ def clip_to_plane(
 
 def unproject(points_px: FloatArray, plane: Plane, camera: Camera) -> FloatArray:
     """(N, 2) pixels → (N, 3) world points on the plane. The plane must lie in front of the camera at each of them."""
-    depth = 1 / (_homogeneous(points_px) @ inverse_depth(plane, camera))
+    depth = 1 / (homogeneous(points_px) @ inverse_depth(plane, camera))
     return camera.center_world + depth[:, None] * camera.rays_world(points_px)
-
-
-def polygons(geometry: BaseGeometry) -> MultiPolygon:
-    """The polygonal part of any geometry, made valid; points and lines are dropped."""
-    valid = shapely.make_valid(geometry)
-    return MultiPolygon(
-        [part for part in shapely.get_parts(_flat(valid)) if isinstance(part, Polygon) and part.area > 0]
-    )
-
-
-def grid_for(size: float) -> float:
-    """The step of the grid on which geometry of this size lies: a power of two, so that its coordinates are exact.
-
-    What only rounding tells apart, and with it one kind of processor from another, is one there: no decision hangs on
-    the last bit. 0, no grid, for a size that is not finite.
-    """
-    return float(np.exp2(np.floor(np.log2(_GRID_SHARE * size)))) if np.isfinite(size) else 0.0
-
-
-def _flat(geometry: BaseGeometry) -> BaseGeometry:
-    """A collection without nested collections."""
-    parts = shapely.get_parts(shapely.get_parts(geometry))
-    return shapely.geometrycollections(parts)
-
-
-def _homogeneous(points: FloatArray) -> FloatArray:
-    return np.column_stack([points, np.ones(len(points))])
-
-
-def half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
-    """The part with a x + b y + c >= 0, as a polygon large enough for ``around``."""
-    low, high = np.reshape(around.bounds, (2, 2))
-    corners = (low + high) / 2 + _BOX * (high - low).max()
-    value = _homogeneous(corners) @ coefficients
-    ring = []
-    for k in range(4):
-        if value[k] >= 0:
-            ring.append(corners[k])
-        if (value[k] >= 0) != (value[(k + 1) % 4] >= 0):
-            share = value[k] / (value[k] - value[(k + 1) % 4])
-            ring.append(corners[k] + share * (corners[(k + 1) % 4] - corners[k]))
-    return Polygon(ring) if len(ring) >= 3 else Polygon()
 
 
 def _ended(
@@ -319,7 +276,7 @@ def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> F
 
     Not where most of the region lies: the floor goes on past the end of a pillar or cabinet that juts into the room.
     """
-    distance = _homogeneous(shapely.get_coordinates(contact)) @ line
+    distance = homogeneous(shapely.get_coordinates(contact)) @ line
     # Through the contact as drawn, which borders the region even where the planes' own intersection is off.
     drawn = line - [0.0, 0.0, float(np.median(distance))]
     width = max(float(np.ptp(distance)), max(part.length for part in shapely.get_parts(contact)) / 4)
@@ -330,7 +287,7 @@ def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> F
 
 def _reach(line: FloatArray, contact: BaseGeometry) -> float:
     """How far from the intersection line an element's drawn boundary may lie: twice the contact's distance."""
-    return 2 * float(np.abs(_homogeneous(shapely.get_coordinates(contact)) @ line).max())
+    return 2 * float(np.abs(homogeneous(shapely.get_coordinates(contact)) @ line).max())
 
 
 def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> MultiPolygon:
@@ -341,9 +298,9 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> Multi
     reach = _reach(line, contact)
     boundary = region.boundary.intersection(contact.buffer(reach)).intersection(half_plane(line, region))
     quads = []
-    for part in shapely.get_parts(_flat(boundary)):
+    for part in shapely.get_parts(flat(boundary)):
         points = shapely.get_coordinates(part)
-        height = (_homogeneous(points) @ line)[:, None]
+        height = (homogeneous(points) @ line)[:, None]
         feet = points - height * line[:2]
         # A point on the line is its own foot: rounding must not put it beyond, where the quad would cross itself.
         points = feet + np.maximum(height, 0.0) * line[:2]
@@ -362,7 +319,7 @@ def _beyond(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, least
     bands = []
     for part in shapely.get_parts(contact):
         points = shapely.get_coordinates(part)
-        points = points - (_homogeneous(points) @ line)[:, None] * across
+        points = points - (homogeneous(points) @ line)[:, None] * across
         first, last = points[np.argmin(points @ along)], points[np.argmax(points @ along)]
         bands.append(Polygon([first, last, last - depth * across, first - depth * across]))
     alongside = shapely.union_all(bands)

@@ -95,7 +95,7 @@ class _Search:
         for group in evidence.edges:
             if surface in group.surfaces and np.isfinite(planes[group.other(surface), 0]):
                 worst = np.abs(group.distances_px(hypotheses, planes[group.other(surface)])).max(axis=1)
-                price = np.minimum((worst / (config.edge_cutoff_px * group.camera.hand_px)) ** 2, 1.0)
+                price = np.minimum((worst / (config.edge_cutoff_px * group.camera.annotation_scale)) ** 2, 1.0)
                 if len(index) == 0:
                     # In a neighbour's own plane the edge with it says nothing, and tracks that could are missing.
                     price = np.where(np.isfinite(worst), price, np.inf)
@@ -107,7 +107,7 @@ class _Search:
         if evidence.wall[surface]:
             # Walls tend to stand at right angles or parallel: a hint for those that little else is known of.
             others = evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != surface)
-            sine = sine_of_oddness(hypotheses[:, :3] @ planes[others, :3].T, evidence.touching[surface, others])
+            sine = manhattan_sine(hypotheses[:, :3] @ planes[others, :3].T, evidence.touching[surface, others])
             total += (
                 config.manhattan_weight
                 * np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
@@ -156,7 +156,7 @@ class _Search:
         return self.rng.choice(len(weight), size=shape, p=weight / weight.sum())
 
 
-def sine_of_oddness(cosine: FloatArray, touching: BoolArray) -> FloatArray:
+def manhattan_sine(cosine: FloatArray, touching: BoolArray) -> FloatArray:
     """Sine of how far two walls are from a right angle, or from parallel, which those that touch cannot be.
 
     Args:

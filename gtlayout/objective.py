@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import P
 
 from gtlayout.config import EstimationConfig
 from gtlayout.evidence import EdgeGroup, Evidence
-from gtlayout.initialization import sine_of_oddness
+from gtlayout.initialization import manhattan_sine
 from gtlayout.scene import FloatArray
 from gtlayout.structure import opening_factors
 
@@ -56,7 +56,7 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     pairs[upright] += 0.5 * (cosine[upright] / config.sigma_perpendicularity) ** 2
     # However many walls there are, the others count as one for each.
     walls = np.outer(evidence.wall, evidence.wall) & both
-    sine = sine_of_oddness(cosine[walls], evidence.touching[walls])
+    sine = manhattan_sine(cosine[walls], evidence.touching[walls])
     odd = np.minimum(sine, config.right_angle_reach) / config.sigma_perpendicularity
     others = max(int(np.count_nonzero(evidence.wall & placed)) - 1, 1)
     pairs[walls] += 2 / others * cauchy_loss(odd**2, config.right_angle_cauchy)
@@ -85,7 +85,7 @@ def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: Est
 
 def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
     a, b = group.surfaces
-    off = group.ends_off_px(planes[a], planes[b]) / group.camera.hand_px
+    off = group.ends_off_px(planes[a], planes[b]) / group.camera.annotation_scale
     first, second = np.clip(off, -_FARTHEST_PX, _FARTHEST_PX)
     shift, tilt = (first + second) / 2, (first - second) / 2
     squared = (shift / config.sigma_edge_shift_px) ** 2 + (tilt / config.sigma_edge_tilt_px) ** 2

@@ -48,10 +48,10 @@ class Camera:
         return -self.R_cam_from_world.T @ self.t_cam_from_world
 
     @property
-    def hand_px(self) -> float:
-        """Pixels that a hand is off by where it is off by one in an image of 640x480.
+    def annotation_scale(self) -> float:
+        """How many times as large an annotator's errors are, in pixels, as in an image of 640x480.
 
-        Larger images are drawn on a screen that is no larger; smaller ones are zoomed into, so it is at least 1.
+        An image of twice the size is drawn on a screen of the same size. Smaller ones are zoomed into: never below 1.
         """
         return max(1.0, float(np.hypot(self.width, self.height)) / 800.0)
 

@@ -27,7 +27,7 @@ def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfi
     for group in evidence.edges:
         if np.isfinite(planes[list(group.surfaces), 0]).all():
             camera = group.camera
-            noise = _cauchy(camera.hand_px * sigmas_px, config.edge_cauchy)
+            noise = _cauchy(camera.annotation_scale * sigmas_px, config.edge_cauchy)
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
             keys = P(group.surfaces[0]), P(group.surfaces[1])
             factors.append(edge_factor(keys, group.representatives_px(), projection, noise))

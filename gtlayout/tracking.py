@@ -4,27 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 from shapely import MultiPolygon
 
 from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.images import read_gray
+from gtlayout.image_cache import ImageCache
+from gtlayout.klt import KltTracker, PairTracker, lucas_kanade
 from gtlayout.raster import fill, rings_of
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, ImageArray, IntArray, Scene
 
 _REMAP_ROWS = 1 << 14
 """Rows of one look-up: OpenCV's images have fewer than 2^15."""
-
-
-_GRID_PER_PX = 1024.0
-"""Steps of a pixel in which OpenCV is told where points are: exact in its 32 bits, a hundredth of what it can tell."""
 
 
 @dataclass(frozen=True)
@@ -52,37 +47,6 @@ class Tracks:
         return len(self.key_frame)
 
 
-class PairTracker(Protocol):
-    """Moves points from one image to the next. KLT below; any dense flow (RAFT …) fits as well."""
-
-    def __call__(
-        self, source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Find (N, 2) ``points_px`` of ``source`` in ``target``, near ``guess_px``.
-
-        Returns their positions and whether each passed the tracker's own forward-backward check.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class KltTracker:
-    """Pyramidal Lucas-Kanade with forward-backward check."""
-
-    window_px: int
-    levels: int
-    max_forward_backward_px: float
-
-    def __call__(
-        self, source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """See ``PairTracker``."""
-        moved, found = _lucas_kanade(source, target, points_px, guess_px, self.window_px, self.levels)
-        back, found_back = _lucas_kanade(target, source, moved, points_px, self.window_px, self.levels)
-        close = np.linalg.norm(back - points_px, axis=1) < self.max_forward_backward_px
-        return moved, found & found_back & close
-
-
 def track(
     scene: Scene,
     config: TrackingConfig,
@@ -100,7 +64,7 @@ def track(
         GtlayoutError: an annotated image cannot be read.
     """
     tracker = tracker or KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
-    images = _ImageCache(scene, config.max_frames)
+    images = ImageCache(scene, config.max_frames)
     sampler = qmc.Sobol(d=2, seed=seed)
     key_frames, elements, sigmas, tried = [], [], [], []
     tracks, frames, points = [], [], []
@@ -203,7 +167,7 @@ def infinite_homography(source: Camera, target: Camera) -> FloatArray:
 
 def _follow(
     scene: Scene,
-    images: _ImageCache,
+    images: ImageCache,
     k: int,
     start_px: FloatArray,
     direction: int,
@@ -279,7 +243,7 @@ def _re_anchor(
     key_image: ImageArray, image: ImageArray, anchor_px: FloatArray, moved_px: FloatArray, config: TrackingConfig
 ) -> tuple[FloatArray, BoolArray]:
     """Refine positions against the key frame's own patch (already turned into this view)."""
-    refined, found = _lucas_kanade(key_image, image, anchor_px, moved_px, config.window_px, 0)
+    refined, found = lucas_kanade(key_image, image, anchor_px, moved_px, config.window_px, 0)
     ok = found & (np.linalg.norm(refined - moved_px, axis=1) < config.max_anchor_shift_px)
     ok[ok] = _correlation(key_image, image, anchor_px[ok], refined[ok], config.patch_px) > config.min_correlation
     return refined, ok
@@ -310,34 +274,6 @@ def _correlation(
     return np.sum(patches(source, source_px) * patches(target, target_px), axis=1)
 
 
-def _lucas_kanade(
-    source: ImageArray, target: ImageArray, points_px: FloatArray, guess_px: FloatArray, window_px: int, levels: int
-) -> tuple[FloatArray, BoolArray]:
-    if len(points_px) == 0:
-        return np.empty((0, 2)), np.empty(0, dtype=bool)
-    moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        source,
-        target,
-        _opencv_points(points_px),
-        _opencv_points(guess_px),
-        winSize=(window_px, window_px),
-        maxLevel=levels,
-        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01),
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )
-    moved_px = moved[:, 0].astype(np.float64) + 0.5
-    return moved_px, (status[:, 0] == 1) & np.isfinite(moved_px).all(axis=1)
-
-
-def _opencv_points(points_px: FloatArray) -> npt.NDArray[np.float32]:
-    """OpenCV's shape and its convention of (0, 0) at the first pixel's centre.
-
-    On a grid: last digits of the cameras, which differ between worlds and machines, must not move a match.
-    """
-    on_grid = np.round((points_px - 0.5) * _GRID_PER_PX) / _GRID_PER_PX
-    return np.ascontiguousarray(on_grid, dtype=np.float32).reshape(-1, 1, 2)
-
-
 def _warp(image: ImageArray, homography: FloatArray, camera: Camera) -> ImageArray:
     half = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
     opencv_homography = np.linalg.inv(half) @ homography @ half
@@ -357,41 +293,3 @@ def _inside(points_px: FloatArray, camera: Camera, border_px: float) -> BoolArra
     limit = np.array([camera.width, camera.height]) - border_px
     inside: BoolArray = np.all((points_px > border_px) & (points_px < limit), axis=1)
     return inside
-
-
-class _ImageCache:
-    """Grey images by frame, decoded once while they are in reach of a key frame; None where unreadable."""
-
-    def __init__(self, scene: Scene, reach: int) -> None:
-        self._scene = scene
-        self._reach = reach
-        self._images: dict[int, ImageArray | str] = {}
-        self.errors: dict[int, str] = {}
-        """Of the images that were asked for."""
-
-    def move_to(self, key: int) -> None:
-        """Hold only what is in reach of frame ``key``; key frames come in order, so the rest is done with.
-
-        A video is decoded forward only: what tracking backward will ask for is read now.
-        """
-        first = key - self._reach
-        self._images = {frame: image for frame, image in self._images.items() if frame >= first}
-        for frame in range(max(0, first), key):
-            if self._scene.frames[frame].video is not None:
-                self._read(frame)
-
-    def __call__(self, frame: int) -> ImageArray | None:
-        image = self._read(frame)
-        if isinstance(image, str):
-            self.errors[frame] = image
-            return None
-        return image
-
-    def _read(self, frame: int) -> ImageArray | str:
-        """The image, or why there is none."""
-        if frame not in self._images:
-            try:
-                self._images[frame] = read_gray(self._scene.frames[frame])
-            except GtlayoutError as error:
-                self._images[frame] = str(error)
-        return self._images[frame]

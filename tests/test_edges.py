@@ -138,6 +138,6 @@ def test_a_long_edge_does_not_need_all_pairs_of_its_points() -> None:
     elements = tuple(Element(f"e{i}", "wall", side, as_multi(Polygon())) for i, side in enumerate(sides))
     scene = Scene(Path("/nowhere"), (Frame("0.png", Path("/nowhere"), camera),), (KeyFrame(0, elements),), metric=True)
     instances = [Instance(f"wall_{i}", "wall", ((0, i),)) for i in range(2)]
-    dense = replace(CONFIG, step_px=CONFIG.step_px / camera.hand_px)
+    dense = replace(CONFIG, step_px=CONFIG.step_px / camera.annotation_scale)
     (edge,) = contact_edges(scene, instances, dense)  # all pairs of 5,000 points would take hundreds of GB
     assert len(edge.points_px) > 4900

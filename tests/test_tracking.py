@@ -16,8 +16,9 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
+from gtlayout.klt import PairTracker
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, Frame, ImageArray, KeyFrame, Scene
-from gtlayout.tracking import PairTracker, Tracks, infinite_homography, sample_points, texture_sigma_px, track
+from gtlayout.tracking import Tracks, infinite_homography, sample_points, texture_sigma_px, track
 from simulated_room import as_multi
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 260.0

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.extent import polygons
+from gtlayout.polygons import polygons
 from gtlayout.raster import rings_of
 from gtlayout.scene import Camera, FloatArray, KeyFrame
 from gtlayout.synth.render import uv1_over_z

@@ -1,0 +1,87 @@
+"""What the commands share: how they print, show progress and end."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+from cyclopts.validators import Number
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.visualize import Observer
+
+SHOWN_WARNINGS = 5
+"""More than these are only counted, unless -v is given."""
+Positive = Annotated[int, Parameter(validator=Number(gte=1))]
+NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
+
+
+def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) -> int:
+    """Run a command line and return its exit status: the command's own, or 0 when it returns none.
+
+    Unknown exceptions are bugs and keep their traceback.
+    """
+    name = app.name[0]
+    try:
+        status = app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
+    except CycloptsError:
+        return 2
+    except GtlayoutError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"{name}: {when_interrupted}", file=sys.stderr)
+        return 130
+    return status if isinstance(status, int) else 0
+
+
+def stdout() -> Console:
+    """Prints text as it is, in notebooks too, and never wrapped: paths and names stay whole in a log."""
+    return Console(highlight=False, markup=False, soft_wrap=True, force_jupyter=False)
+
+
+def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> None:
+    """Print the first warnings, or all of them."""
+    shown = warnings if verbose else warnings[:SHOWN_WARNINGS]
+    for warning in shown:
+        console.print(f"warning: {warning}", style="yellow")
+    if len(shown) < len(warnings):
+        console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
+
+
+class _ProgressBars(Observer):
+    """One bar a stage."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+
+    def stage(self, name: str) -> None:
+        """Complete the bar of the stage before and begin a new one."""
+        self.finish()
+        self._bars.add_task(name, total=None)
+
+    def progress(self, done: int, total: int) -> None:
+        """Move the bar."""
+        self._bars.update(self._bars.task_ids[-1], completed=done, total=total)
+
+    def finish(self) -> None:
+        """Complete the last bar."""
+        for task in self._bars.tasks:
+            if not task.finished:
+                self._bars.update(task.id, total=max(task.completed, 1), completed=max(task.completed, 1))
+
+
+@contextmanager
+def progress_bars() -> Iterator[Observer]:
+    """Progress bars on stderr; nothing when that is not a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        observer = _ProgressBars(bars)
+        yield observer
+        observer.finish()

@@ -1,0 +1,57 @@
+"""Polygons after GEOS: only what is polygonal, on a grid, cut along a line."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.scene import FloatArray
+
+_GRID_SHARE = 1e-9
+"""Step of the grid as a share of the size of what lies on it."""
+_BOX = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+
+
+def polygons(geometry: BaseGeometry) -> MultiPolygon:
+    """The polygonal part of any geometry, made valid; points and lines are dropped."""
+    valid = shapely.make_valid(geometry)
+    return MultiPolygon(
+        [part for part in shapely.get_parts(flat(valid)) if isinstance(part, Polygon) and part.area > 0]
+    )
+
+
+def grid_for(size: float) -> float:
+    """The step of the grid on which geometry of this size lies: a power of two, so that its coordinates are exact.
+
+    What only rounding tells apart, and with it one kind of processor from another, is one there: no decision hangs on
+    the last bit. 0, no grid, for a size that is not finite.
+    """
+    return float(np.exp2(np.floor(np.log2(_GRID_SHARE * size)))) if np.isfinite(size) else 0.0
+
+
+def flat(geometry: BaseGeometry) -> BaseGeometry:
+    """A collection without nested collections."""
+    parts = shapely.get_parts(shapely.get_parts(geometry))
+    return shapely.geometrycollections(parts)
+
+
+def homogeneous(points: FloatArray) -> FloatArray:
+    """(N, 2) → (N, 3), with ones."""
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
+    """The part with a x + b y + c >= 0, as a polygon large enough for ``around``."""
+    low, high = np.reshape(around.bounds, (2, 2))
+    corners = (low + high) / 2 + _BOX * (high - low).max()
+    value = homogeneous(corners) @ coefficients
+    ring = []
+    for k in range(4):
+        if value[k] >= 0:
+            ring.append(corners[k])
+        if (value[k] >= 0) != (value[(k + 1) % 4] >= 0):
+            share = value[k] / (value[k] - value[(k + 1) % 4])
+            ring.append(corners[k] + share * (corners[(k + 1) % 4] - corners[k]))
+    return Polygon(ring) if len(ring) >= 3 else Polygon()
