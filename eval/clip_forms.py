@@ -20,12 +20,12 @@ from gtlayout.io import SCENE_FILE, load_scene
 from gtlayout.io.annotation_files import NATIVE_FILE
 from gtlayout.io.exports import JPEG_QUALITY
 from gtlayout.io.files import write_atomic, write_json_atomic
-from gtlayout.io.images import decode, encoded, read_rgb
+from gtlayout.io.images import encoded, read_rgb, stored_bgr
 from gtlayout.io.native import write_annotations
 from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.nerfstudio import write_transforms
 from gtlayout.io.video import Video
-from gtlayout.scene import Camera, Element, Frame, ImageArray, KeyFrame, Scene, VideoFrame
+from gtlayout.scene import Camera, Element, Frame, KeyFrame, Scene, VideoFrame
 from variants import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
 from variants import with_key_frames as keep_key_frames
 
@@ -84,17 +84,10 @@ def write_video(path: Path, scene: Scene) -> None:
     with av.open(str(path), "w") as container:
         stream = container.add_stream("libx264", rate=30, options=X264)
         stream.pix_fmt = "yuv420p"
-        stream.height, stream.width = _stored(scene.frames[0]).shape[:2]
+        stream.height, stream.width = stored_bgr(scene.frames[0]).shape[:2]
         for frame in scene.frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(_stored(frame), format="bgr24")))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(stored_bgr(frame), format="bgr24")))
         container.mux(stream.encode())
-
-
-def _stored(frame: Frame) -> ImageArray:
-    """(H, W, 3) uint8 BGR as in the file."""
-    if frame.video is not None:
-        return frame.video.video.frame(frame.video.index)
-    return decode(frame.image_path, cv2.IMREAD_COLOR).astype(np.uint8, copy=False)
 
 
 def _half_size(scene: Scene, folder: Path) -> Variant:

@@ -16,7 +16,7 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from command_line import exit_status, new_app
+from command_line import GTLAYOUT, exit_status, new_app
 from gtlayout.errors import GtlayoutError
 from gtlayout.results import TIMINGS_FILE
 from gtlayout.scene import FloatArray
@@ -107,10 +107,9 @@ def solve_all(scenes: dict[str, Path], work: Path, variables: dict[str, str]) ->
 
 def make_rooms(count: int, out: Path, variables: dict[str, str]) -> dict[str, bytes]:
     """The files of so many varied rooms, by path, made in a process with these environment variables."""
-    program = "import sys; from gtlayout.cli import main; sys.exit(main(sys.argv[1:]))"
     size = ("--width", "240", "--height", "180", "--frames", "8", "--key-every", "4")
     if count:
-        run_here([sys.executable, "-c", program, "synth", str(out), "--count", str(count), *size], variables)
+        run_here([*GTLAYOUT, "synth", str(out), "--count", str(count), *size], variables)
     return {str(path.relative_to(out)): path.read_bytes() for path in sorted(out.rglob("*")) if path.is_file()}
 
 
@@ -167,14 +166,13 @@ def offsets(one: Found, other: Found) -> tuple[FloatArray, FloatArray]:
     """(S,) distance of each plane from the other solve's at the centroid of its extent, and the σ there; scene unit."""
     centroids = one.stages["centroids"]
     points = np.column_stack([centroids, np.ones(len(centroids))])
-    variance = np.einsum("si,sij,sj->s", points, one.stages["covariances"], points)
     planes, others = one.stages["planes"], other.stages["planes"]
     apart = (
         np.abs(np.sum((planes - others) * points, axis=1))
         if planes.shape == others.shape
         else np.full(len(planes), np.nan)
     )
-    return apart, np.sqrt(np.maximum(variance, 0.0))
+    return apart, one.stages["sigma_offsets"]
 
 
 def difference(one: FloatArray, other: FloatArray) -> FloatArray:

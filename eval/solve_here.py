@@ -28,12 +28,11 @@ def stages(solution: Solution) -> dict[str, np.ndarray]:
     """Arrays in the order in which they are made."""
     tracks, layout = solution.tracks, solution.layout
     regions = [region for extent in layout.extents for region in (extent.unrefined, extent.region)]
-    corners = [
-        extent.frame.to_world(shapely.get_coordinates(region))
-        for extent in layout.extents
-        for region in (extent.unrefined, extent.region)
-    ]
+    frames = [extent.frame for extent in layout.extents for _ in range(2)]
+    corners = [frame.to_world(shapely.get_coordinates(region)) for frame, region in zip(frames, regions, strict=True)]
     planes = [[*plane.normal, plane.d] for plane in layout.planes]
+    centroids = [centroid_world(extent) for extent in layout.extents]
+    sigmas = [float(plane.sigma_offset(at)) for plane, at in zip(layout.planes, centroids, strict=True)]
     return {
         "tracks": np.column_stack([tracks.key_frame, tracks.element]),
         "observations": np.column_stack([tracks.track, tracks.frame]),
@@ -43,8 +42,8 @@ def stages(solution: Solution) -> dict[str, np.ndarray]:
         "edge_points_px": np.concatenate([np.empty((0, 2)), *(edge.points_px for edge in solution.edges)]),
         "observable": np.array([plane.observable for plane in layout.planes], dtype=np.int64),
         "planes": np.array(planes, dtype=np.float64).reshape(-1, 4),
-        "covariances": np.array([plane.covariance for plane in layout.planes]).reshape(-1, 4, 4),
-        "centroids": np.array([centroid_world(extent) for extent in layout.extents]).reshape(-1, 3),
+        "centroids": np.array(centroids).reshape(-1, 3),
+        "sigma_offsets": np.array(sigmas),
         "corner_counts": shapely.get_num_coordinates(regions),
         "corners": np.concatenate([np.empty((0, 3)), *corners]),
         "faces": layout.triangles.faces,
@@ -61,7 +60,8 @@ def decisions(solution: Solution) -> dict[str, object]:
         "edges": [[edge.key_frame, edge.instances, len(edge.points_px)] for edge in solution.edges],
         "held_by": [[plane.support.tracks, plane.support.held_by, plane.note] for plane in solution.planes],
         "dimensions": [[one.kind, one.first, one.second] for one in solution.layout.dimensions],
-        "verdicts": [[quality.accepted, quality.predicted], *([one.verdict, one.reason] for one in quality.instances)],
+        "headline": [quality.headline.word, quality.accepted, quality.predicted],
+        "verdicts": [[one.verdict, one.reason] for one in quality.instances],
         "warnings": solution.scene.warnings,
     }
 

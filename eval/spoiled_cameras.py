@@ -64,7 +64,7 @@ def yaw_drift(cameras: Sequence[Camera], degrees: float) -> Cameras:
     ]
     centers = _walked(cameras, [turn @ step for turn, step in zip(turns, _steps(cameras), strict=False)])
     return tuple(
-        _posed(camera, camera.R_cam_from_world @ turn.T, center)
+        camera.placed(camera.R_cam_from_world @ turn.T, center)
         for camera, turn, center in zip(cameras, turns, centers, strict=True)
     )
 
@@ -74,7 +74,7 @@ def scale_drift(cameras: Sequence[Camera], share: float) -> Cameras:
     factors = np.linspace(1 - share / 2, 1 + share / 2, len(cameras) - 1)
     centers = _walked(cameras, [factor * step for factor, step in zip(factors, _steps(cameras), strict=True)])
     pairs = zip(cameras, centers, strict=True)
-    return tuple(_posed(camera, camera.R_cam_from_world, center) for camera, center in pairs)
+    return tuple(camera.placed(camera.R_cam_from_world, center) for camera, center in pairs)
 
 
 def late(cameras: Sequence[Camera], frames: int) -> Cameras:
@@ -93,7 +93,7 @@ def jittered(cameras: Sequence[Camera], sigma_deg: float, sigma_position: float,
     for camera in cameras:
         turn = Rotation.from_rotvec(np.deg2rad(rng.normal(0, sigma_deg, 3))).as_matrix()
         center = camera.center_world + rng.normal(0, sigma_position, 3)
-        spoiled.append(_posed(camera, turn @ camera.R_cam_from_world, center))
+        spoiled.append(camera.placed(turn @ camera.R_cam_from_world, center))
     return tuple(spoiled)
 
 
@@ -114,7 +114,3 @@ def _steps(cameras: Sequence[Camera]) -> FloatArray:
 def _walked(cameras: Sequence[Camera], steps: Sequence[FloatArray]) -> FloatArray:
     """(N, 3) camera centres, from the first one on by steps."""
     return cameras[0].center_world + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
-
-
-def _posed(camera: Camera, rotation: FloatArray, center: FloatArray) -> Camera:
-    return replace(camera, R_cam_from_world=rotation, t_cam_from_world=-rotation @ center)

@@ -28,6 +28,7 @@ from gtlayout.quality import InstanceQuality
 from gtlayout.raster import spread_points
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, Element, FloatArray
+from memory_use import MIB
 from metrics import Metric
 from runner import SceneRows
 from scoring import depth_metrics
@@ -43,7 +44,6 @@ PIXELS = 24
 """Sampled on each drawing of an element."""
 WHOLE = "whole"
 """Row of the scene as a whole, in what is measured; the others are planes."""
-MIB = 1 << 20
 PROCESS = Path("/proc/self")
 """What Linux says of this process."""
 

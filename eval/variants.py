@@ -18,7 +18,7 @@ Sources = Sequence[tuple[int, Sequence[int]]]
 
 @dataclass(frozen=True)
 class Similarity:
-    """``X_given = scale · R X_original + t``."""
+    """``X_given = scale · R X_original + t``. Not the program's own: who judges it must not share its mistakes."""
 
     scale: float = 1.0
     R: FloatArray = field(default_factory=lambda: np.eye(3))

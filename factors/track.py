@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import gtsam
 import numpy as np
@@ -11,9 +10,7 @@ import numpy as np
 from gtlayout.factors.batching import FloatArray, custom_factor, plane_parts
 
 
-def track_factor(
-    plane_key: int, landmark_keys: Sequence[int], sigma: FloatArray, huber: float = np.inf
-) -> gtsam.CustomFactor:
+def track_factor(plane_key: int, landmark_keys: Sequence[int], sigma: FloatArray) -> gtsam.CustomFactor:
     """``r_i = n · X_i + d``: signed distance of each landmark from the plane, world unit.
 
     One factor holds a batch of landmarks of one plane: GTSAM calls Python once per factor, and copies all values to
@@ -23,7 +20,6 @@ def track_factor(
         plane_key: an ``OrientedPlane3`` variable.
         landmark_keys: m ``Point3`` variables.
         sigma: (m,) σ of each distance (relief of the surface, annotator's tolerance), world unit.
-        huber: robust scale of each distance by itself, in σ: beyond it no landmark pulls any harder.
     """
     landmarks = list(landmark_keys)
 
@@ -39,8 +35,4 @@ def track_factor(
         by_landmark[rows, rows] = normal
         return error, [by_plane, *by_landmark]
 
-    noise: Any = gtsam.noiseModel.Diagonal.Sigmas(sigma)
-    if np.isfinite(huber):
-        robust = gtsam.noiseModel.mEstimator
-        noise = gtsam.noiseModel.Robust.Create(robust.Huber.Create(huber, robust.Base.ReweightScheme.Scalar), noise)
-    return custom_factor(noise, [plane_key, *landmarks], residual)
+    return custom_factor(gtsam.noiseModel.Diagonal.Sigmas(sigma), [plane_key, *landmarks], residual)

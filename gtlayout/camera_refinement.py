@@ -92,12 +92,8 @@ def _adjusted(
     frames = list(scene.frames)
     for f in np.unique(tracks.frame[observed]).tolist():
         pose = optimum.atPose3(X(f))
-        R_cam_from_world = pose.rotation().matrix().T
         center = local.points_to_world(pose.translation())
-        camera = replace(
-            frames[f].camera, R_cam_from_world=R_cam_from_world, t_cam_from_world=-R_cam_from_world @ center
-        )
-        frames[f] = replace(frames[f], camera=camera)
+        frames[f] = replace(frames[f], camera=frames[f].camera.placed(pose.rotation().matrix().T, center))
     return replace(scene, frames=tuple(frames))
 
 

@@ -18,6 +18,7 @@ import shapely
 from gtlayout.estimation import Estimate, Iteration
 from gtlayout.layout import Instance
 from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
+from gtlayout.similarity import Similarity
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import camera_path
 
@@ -26,49 +27,8 @@ _SAME = 1e-9
 _DECIMALS = 3
 """Of the pixels by which elements are sorted: last digits, which differ between machines, do not decide."""
 _FAR = 1e3
-"""From a world's origin that is so many camera paths away covariances are told about the cameras instead: (normal, d)
-there would lose the digits that σ is made of."""
-
-
-@dataclass(frozen=True)
-class Similarity:
-    """``X_canonical = scale R (X_world - origin)``."""
-
-    R: FloatArray
-    """(3, 3) rotation."""
-    origin: FloatArray
-    """(3,) world."""
-    scale: float
-    """Canonical units in a world unit."""
-
-    def camera(self, camera: Camera) -> Camera:
-        """A camera of the world in the canonical world."""
-        R_cam = camera.R_cam_from_world @ self.R.T
-        center = self.scale * (self.R @ (camera.center_world - self.origin))
-        return replace(camera, R_cam_from_world=R_cam, t_cam_from_world=-R_cam @ center)
-
-    def camera_to_world(self, camera: Camera) -> Camera:
-        """The inverse of ``camera``."""
-        R_cam = camera.R_cam_from_world @ self.R
-        return replace(
-            camera, R_cam_from_world=R_cam, t_cam_from_world=-R_cam @ self.points_to_world(camera.center_world)
-        )
-
-    def points_to_world(self, points: FloatArray) -> FloatArray:
-        """(..., 3) canonical points in the world."""
-        return points @ self.R / self.scale + self.origin
-
-    def planes_to_world(self, planes: FloatArray, anchor: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(S, 4) canonical planes in the world, and the (4, 4) derivative of (normal, normal · anchor + d) there by
-        (normal, d) here.
-        """
-        world = np.column_stack([planes[:, :3] @ self.R, planes[:, 3] / self.scale])
-        world[:, 3] -= world[:, :3] @ self.origin
-        jacobian = np.zeros((4, 4))
-        jacobian[:3, :3] = self.R.T
-        jacobian[3, :3] = self.R @ (anchor - self.origin)
-        jacobian[3, 3] = 1 / self.scale
-        return world, jacobian
+"""Where the world's origin is farther away than so many lengths of the camera's path, covariances are about a point
+amid the cameras: those of (normal, d) would lose the digits that σ is made of."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +46,7 @@ class Canonical:
 
     @property
     def anchor(self) -> FloatArray:
-        """(3,) world point about which covariances are told: the world's origin, unless that is far away."""
+        """(3,) world point that covariances are about: the world's origin, unless that is far away."""
         far = float(np.linalg.norm(self.similarity.origin)) * self.similarity.scale > _FAR
         return self.similarity.origin if far else np.zeros(3)
 
@@ -147,24 +107,20 @@ def canonical(scene: Scene) -> Canonical:
     similarity = _similarity(scene)
     twins = _twins(scene)
     kept = sorted(set(twins))
-    still = camera_path(scene) == 0.0
-    frames = []
-    for f in kept:
-        camera = similarity.camera(scene.frames[f].camera)
+    cameras = [similarity.camera(scene.frames[f].camera) for f in kept]
+    if camera_path(scene) == 0.0:
         # What rounding leaves of a way that there is not must not become one.
-        frames.append(
-            replace(scene.frames[f], camera=replace(camera, t_cam_from_world=np.zeros(3)) if still else camera)
-        )
-    orders = tuple(_order(key_frame.elements) for key_frame in scene.key_frames)
-    key_frames = tuple(
-        KeyFrame(
-            kept.index(key_frame.frame),
-            tuple(_normalised(key_frame.elements[e]) for e in order),
-            tuple(sorted((_directed(line) for line in key_frame.occlusion_edges), key=lambda line: line.tolist())),
-        )
-        for key_frame, order in zip(scene.key_frames, orders, strict=True)
-    )
-    return Canonical(scene, replace(scene, frames=tuple(frames), key_frames=key_frames), similarity, twins, orders)
+        cameras = [camera.placed(camera.R_cam_from_world, np.zeros(3)) for camera in cameras]
+    frames = tuple(replace(scene.frames[f], camera=camera) for f, camera in zip(kept, cameras, strict=True))
+    key_frames, orders = [], []
+    for key_frame in scene.key_frames:
+        elements = [_normalised(element) for element in key_frame.elements]
+        order = sorted(range(len(elements)), key=lambda e: _place(elements[e]))
+        edges = sorted((_directed(line) for line in key_frame.occlusion_edges), key=lambda line: line.tolist())
+        key_frames.append(KeyFrame(kept.index(key_frame.frame), tuple(elements[e] for e in order), tuple(edges)))
+        orders.append(tuple(order))
+    form = replace(scene, frames=frames, key_frames=tuple(key_frames))
+    return Canonical(scene, form, similarity, twins, tuple(orders))
 
 
 def _similarity(scene: Scene) -> Similarity:
@@ -202,19 +158,14 @@ def _same(a: Camera, b: Camera, least: float) -> bool:
     )
 
 
-def _order(elements: Sequence[Element]) -> tuple[int, ...]:
-    """Elements by label and place: neither by their ids nor as they were listed."""
-
-    def place(e: int) -> tuple[object, ...]:
-        element = _normalised(elements[e])
-        shapes = (element.amodal, element.visible)
-        return (
-            LABELS.index(element.label),
-            *(round(value, _DECIMALS) for shape in shapes for value in (shape.area, *shape.bounds)),
-            *(shapely.get_coordinates(shape).tolist() for shape in shapes),
-        )
-
-    return tuple(sorted(range(len(elements)), key=place))
+def _place(element: Element) -> tuple[object, ...]:
+    """What elements are sorted by: label and place, neither their ids nor how they were listed."""
+    shapes = (element.amodal, element.visible)
+    return (
+        LABELS.index(element.label),
+        *(round(value, _DECIMALS) for shape in shapes for value in (shape.area, *shape.bounds)),
+        *(shapely.get_coordinates(shape).tolist() for shape in shapes),
+    )
 
 
 def _normalised(element: Element) -> Element:

@@ -204,8 +204,6 @@ class EstimationConfig:
     """Robust scale of an observation, in σ."""
     sigma_surface: float = 0.01
     """Relief of a surface round its plane."""
-    tie_huber: float = 3.0
-    """Robust scale of a landmark's distance from its plane, in σ: none, however far, pulls without bound."""
     max_observations: int = 6
     """Observations of a track that enter the graph, spread evenly over it."""
     independent_observations: float = 3.0

@@ -12,13 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from gtlayout.config import EstimationConfig
-from gtlayout.evidence import EdgeGroup, Evidence
+from gtlayout.evidence import FARTHEST_PX, EdgeGroup, Evidence
 from gtlayout.scene import FloatArray
 from gtlayout.starts import best_start, polish
 
 Pair = tuple[int, int]
-_NONSENSE_PX = 100.0
-"""Distances are counted up to this: planes that coincide have no line at all."""
 _READMITTED = 0.6
 """A pair comes back once it fits better than this share of the limit."""
 _ROUNDS = 4
@@ -46,8 +44,8 @@ def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfi
     """The worst pair, then the worst without it … until all fit."""
     dropped: frozenset[Pair] = frozenset()
     while True:
-        planes = polish(_without(evidence, dropped), planes, config)
         kept = _without(evidence, dropped)
+        planes = polish(kept, planes, config)
         fit = {pair: misfit for pair, misfit in _misfits_px(kept, planes).items() if not _all_there_is(kept, pair)}
         worst = max(fit, key=lambda pair: fit[pair], default=None)
         if worst is None or fit[worst] <= config.max_contact_px:
@@ -87,6 +85,6 @@ def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
         a, b = group.surfaces
         if np.isfinite(planes[[a, b], 0]).all():
             distance_px = np.abs(group.distances_px(planes[[a]], planes[b])) / group.camera.annotation_scale
-            distance_px = np.minimum(distance_px, _NONSENSE_PX)
+            distance_px = np.minimum(distance_px, FARTHEST_PX)
             found.setdefault(_pair(group), []).append(float(np.sqrt(np.mean(distance_px**2))))
     return {pair: float(np.median(distances)) for pair, distances in found.items()}

@@ -15,7 +15,7 @@ from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.evidence import Evidence, Normalisation, Views, gather
-from gtlayout.graph import Solution, solve
+from gtlayout.graph import Solution, solve, track_weights
 from gtlayout.initialization import face_cameras
 from gtlayout.layout import Instance, Plane, Support
 from gtlayout.objective import cost_of
@@ -91,7 +91,7 @@ def estimate(
     solution, uncertainty = optimise(cameras, tracks, evidence, start, config)
     warnings = []
     if lost := led_astray(evidence, start, solution.planes, config):
-        solution, uncertainty = unsolved(tracks, evidence, start, config)
+        solution, uncertainty = keep_start(tracks, evidence, start, config)
         astray = ", ".join(instances[s].name for s in lost)
         warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
     world_planes, jacobian = local.planes_to_world(solution.planes)
@@ -141,9 +141,7 @@ def optimise(
         sigma_edge_tilt_px=config.sigma_edge_tilt_px * scales.edge,
     )
     solution = solve(cameras, tracks, evidence, start, weighed)
-    # Edges and right angles do not tell a plane's sides apart.
-    facing = [face_cameras(plane[None], views) for plane, views in zip(solution.planes, evidence.views, strict=True)]
-    solution = replace(solution, planes=np.concatenate(facing))
+    solution = replace(solution, planes=_facing(evidence, solution.planes))
     return solution, plane_uncertainty(tracks, evidence, solution.planes, config)
 
 
@@ -169,20 +167,24 @@ def _moved(views: Views, before: FloatArray, after: FloatArray) -> float:
     return float(np.median(np.abs(depths[1, seen] / depths[0, seen] - 1))) if seen.any() else np.nan
 
 
-def unsolved(
+def keep_start(
     tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
 ) -> tuple[Solution, Uncertainty]:
     """What ``optimise`` would give had it stayed at (S, 4) ``start``: landmarks where their rays meet their planes."""
-    robust = np.zeros(len(tracks))
+    planes = _facing(evidence, start)
+    robust, _ = track_weights(evidence, planes, config)
+    index = np.nonzero(robust > 0)[0]
+    points, depth = evidence.on_planes(index, planes[evidence.track_surface[index]])
     landmarks = np.full((len(tracks), 3), np.nan)
-    for s in np.nonzero(np.isfinite(start[:, 0]))[0].tolist():
-        index = np.nonzero(evidence.track_surface == s)[0]
-        points, depth = evidence.on_planes(index, start[s])
-        residual = evidence.track_residuals(index, start[s][None])[0]
-        robust[index] = 1 / (1 + (residual / config.track_cauchy) ** 2)
-        landmarks[index[depth > 0]] = points[depth > 0]
-    cost = cost_of(evidence, start, config).total
-    return Solution(start, landmarks, robust, (cost,), (start,)), plane_uncertainty(tracks, evidence, start, config)
+    landmarks[index[depth > 0]] = points[depth > 0]
+    cost = cost_of(evidence, planes, config).total
+    return Solution(planes, landmarks, robust, (cost,), (planes,)), plane_uncertainty(tracks, evidence, planes, config)
+
+
+def _facing(evidence: Evidence, planes: FloatArray) -> FloatArray:
+    """(S, 4) planes with normals towards the cameras: edges and right angles do not tell a plane's sides apart."""
+    pairs = zip(planes, evidence.views, strict=True)
+    return np.concatenate([face_cameras(plane[None], views) for plane, views in pairs])
 
 
 def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: Views) -> float:

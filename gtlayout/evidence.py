@@ -13,6 +13,7 @@ from gtlayout.edges import ContactEdge
 from gtlayout.layout import Instance
 from gtlayout.raster import spread_points
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
+from gtlayout.similarity import Similarity
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
 
@@ -21,42 +22,26 @@ _VIEW_POINTS = 12
 _ROUNDING_PX = 1e-6
 _MIN_DIHEDRAL = 0.2
 """Planes at less than this angle (radians) make no edge that an annotator would draw."""
+FARTHEST_PX = 100.0
+"""Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
 TYPICAL_DEPTH = 2.5
 """Median depth to which every scene is scaled, so that the noise model's metres mean the same with and without a
 unit."""
 
 
-@dataclass(frozen=True)
-class Normalisation:
-    """``X_local = scale (X_world - origin)``: keeps a plane's n and d uncoupled, gives every scene a room's size."""
-
-    origin: FloatArray
-    scale: float
+class Normalisation(Similarity):
+    """Keeps a plane's n and d uncoupled, and gives every scene a room's size; its axes stay."""
 
     @classmethod
     def of(cls, rays: Rays) -> Normalisation:
         """Origin amid the points, and their median depth as unit."""
-        return cls(np.median(rays.points_world(), axis=0), TYPICAL_DEPTH * float(np.median(rays.rho)))
-
-    def camera(self, camera: Camera) -> Camera:
-        """The same camera in the local world."""
-        t = self.scale * (camera.t_cam_from_world + camera.R_cam_from_world @ self.origin)
-        return replace(camera, t_cam_from_world=t)
+        origin = np.median(rays.points_world(), axis=0)
+        return cls(np.eye(3), origin, TYPICAL_DEPTH * float(np.median(rays.rho)))
 
     def rays(self, rays: Rays) -> Rays:
         """The same rays in the local world."""
         center = self.scale * (rays.center - self.origin)
         return replace(rays, center=center, rho=rays.rho / self.scale, sigma_rho=rays.sigma_rho / self.scale)
-
-    def points_to_world(self, points_local: FloatArray) -> FloatArray:
-        """(N, 3) local points in the world."""
-        return points_local / self.scale + self.origin
-
-    def planes_to_world(self, planes_local: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(S, 4) planes in the world, and the (4, 4) derivative of (normal, d) there by (normal, d) here."""
-        jacobian = np.diag([1.0, 1.0, 1.0, 1.0 / self.scale])
-        jacobian[3, :3] = -self.origin
-        return planes_local @ jacobian.T, jacobian
 
 
 @dataclass(frozen=True)

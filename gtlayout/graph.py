@@ -57,7 +57,7 @@ def solve(
         kernels = replace(
             config, track_cauchy=looseness * config.track_cauchy, edge_cauchy=looseness * config.edge_cauchy
         )
-        robust, weight = _track_weights(evidence, planes, kernels)
+        robust, weight = track_weights(evidence, planes, kernels)
         used = weight > _NEGLIGIBLE
         values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0], config)
         seen = observed & used[tracks.track]
@@ -75,7 +75,7 @@ def solve(
     return Solution(planes, landmarks, robust, tuple(costs), tuple(history))
 
 
-def _track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
+def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
     """(N,) robust weight of each track at ``planes``, and its whole weight in the graph."""
     robust = np.zeros(len(evidence.track_surface))
     weight = np.zeros(len(robust))
@@ -142,8 +142,7 @@ def _track_factors(
         for batch in np.split(members, range(_BATCH, len(members), _BATCH)):
             if len(batch):
                 keys = [L(int(n)) for n in batch]
-                sigma = config.sigma_surface / np.sqrt(weight[batch])
-                graph.add(track_factor(P(int(s)), keys, sigma, config.tie_huber))
+                graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
     return graph
 
 
@@ -161,7 +160,11 @@ def _values(
     used: IntArray,
     config: EstimationConfig,
 ) -> gtsam.Values:
-    """Planes as given; landmarks where they were, or else where their ray meets their plane."""
+    """Planes as given; landmarks where they were, or else where their ray meets their plane.
+
+    One whose ray misses it starts on its ray, no nearer or farther than an element may be. From hundreds of depths away
+    a single landmark was seen to turn its plane by 84°, with or without a robust kernel on the distance between them.
+    """
     values = gtsam.Values()
     for s in surfaces:
         values.insert(P(int(s)), gtsam.OrientedPlane3(planes[s]))

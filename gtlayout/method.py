@@ -127,7 +127,8 @@ def _solve(given: Scene, config: Config, observer: Observer, restarts: range) ->
         rays = triangulate(scene, tracks, config.triangulation)
     if tracks.unreadable:
         warnings.append(f"{len(tracks.unreadable)} unreadable image(s) skipped: {', '.join(tracks.unreadable)}")
-    observer.tracks(form.tracks(tracks))
+    own_tracks = form.tracks(tracks)
+    observer.tracks(own_tracks)
 
     cameras = None
     if config.refine_cameras:
@@ -156,8 +157,7 @@ def _solve(given: Scene, config: Config, observer: Observer, restarts: range) ->
             break
         instances, track_instance = change.instances, change.track_instance
         warnings += change.said
-    given = replace(given, warnings=(*warnings, *solved.warnings))
-    own_instances, own_tracks = form.instances(instances), form.tracks(tracks)
+    own_instances = form.instances(instances)
     observer.instances(own_instances, track_instance)
     observer.edges(edges)
 
@@ -173,11 +173,10 @@ def _solve(given: Scene, config: Config, observer: Observer, restarts: range) ->
         dimensions = room_dimensions(own_instances, estimated.planes, extents, estimated.covariance)
         planes = with_sigma_depth(estimated.planes, quality, given.metric)
         layout = Layout(own_instances, planes, extents, mesh, given.metric, dimensions)
-        return Solution(given, layout, quality, own_tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
+        told = replace(given, warnings=(*warnings, *estimated.warnings))
+        return Solution(told, layout, quality, own_tracks, chosen, edges, estimated, stage.timings_s, cameras, config)
 
-    best = _best(run, restarts)
-    _show(best, observer)
-    return best
+    return _shown(_best(run, restarts), observer)
 
 
 def _best(run: Callable[[int], Solution], restarts: range) -> Solution:
@@ -201,11 +200,13 @@ def with_sigma_depth(planes: Sequence[Plane], quality: Quality, metric: bool) ->
     return tuple(replace(plane, sigma_depth_m=instance.sigma_depth) for plane, instance in judged)
 
 
-def _show(solution: Solution, observer: Observer) -> None:
+def _shown(solution: Solution, observer: Observer) -> Solution:
+    """The solution, once the observer has it."""
     observer.estimate(solution.estimate)
     observer.extents(solution.layout.extents)
     observer.mesh(solution.layout.triangles)
     observer.quality(solution.layout, solution.quality)
+    return solution
 
 
 def restart_tracks(track_instance: IntArray, config: Config, restart: int) -> IntArray:

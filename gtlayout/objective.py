@@ -14,13 +14,10 @@ import numpy as np
 from gtsam.symbol_shorthand import P
 
 from gtlayout.config import EstimationConfig
-from gtlayout.evidence import EdgeGroup, Evidence
+from gtlayout.evidence import FARTHEST_PX, EdgeGroup, Evidence
 from gtlayout.initialization import manhattan_sine
 from gtlayout.scene import FloatArray
 from gtlayout.structure import opening_factors
-
-_FARTHEST_PX = 100.0
-"""Distances of edges count up to this: planes that coincide have no line at all."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +83,7 @@ def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: Est
 def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
     a, b = group.surfaces
     off = group.ends_off_px(planes[a], planes[b]) / group.camera.annotation_scale
-    first, second = np.clip(off, -_FARTHEST_PX, _FARTHEST_PX)
+    first, second = np.clip(off, -FARTHEST_PX, FARTHEST_PX)
     shift, tilt = (first + second) / 2, (first - second) / 2
     squared = (shift / config.sigma_edge_shift_px) ** 2 + (tilt / config.sigma_edge_tilt_px) ** 2
     return float(cauchy_loss(squared, config.edge_cauchy))

@@ -10,7 +10,7 @@ Conventions (everything is converted to these at the door, in ``gtlayout.io``):
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Protocol, get_args
 
@@ -46,6 +46,10 @@ class Camera:
     def center_world(self) -> FloatArray:
         """(3,) camera centre in the world."""
         return -self.R_cam_from_world.T @ self.t_cam_from_world
+
+    def placed(self, R_cam_from_world: FloatArray, center_world: FloatArray) -> Camera:
+        """The same camera with another pose: (3, 3) rotation, and (3,) where its centre is in the world."""
+        return replace(self, R_cam_from_world=R_cam_from_world, t_cam_from_world=-R_cam_from_world @ center_world)
 
     @property
     def annotation_scale(self) -> float:

@@ -19,7 +19,7 @@ from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
 TURN = Rotation.from_euler("xyz", [31, -112, 64], degrees=True).as_matrix()
 Members = frozenset[tuple[str, str]]
-"""What an instance is, whatever it is called: image and label-free id of each of its drawings."""
+"""What an instance is, whatever it is called: image and id of each of its drawings."""
 
 
 @pytest.fixture(scope="module", params=["synthetic", "office"])
@@ -134,10 +134,11 @@ def test_how_drawings_are_written_changes_no_plane(
 
 
 def test_ids_change_no_plane(scene: Scene, solution: Solution) -> None:
-    other = solve(
-        redrawn(scene, each_element(lambda element: replace(element, id=f"z{hash(element.id) % 97}-{element.id}")))
-    )
-    of_a, of_b = by_members(solution), by_members(other, lambda name: name.split("-", 1)[1])
+    def backwards(name: str) -> str:
+        return name[::-1]
+
+    other = solve(redrawn(scene, each_element(lambda element: replace(element, id=backwards(element.id)))))
+    of_a, of_b = by_members(solution), by_members(other, backwards)
     assert of_a.keys() == of_b.keys()
     for members, i in of_a.items():
         np.testing.assert_array_equal(solution.planes[i].covariance, other.planes[of_b[members]].covariance)
@@ -195,7 +196,6 @@ def test_png_for_jpeg_changes_nothing(scene: Scene, solution: Solution, tmp_path
 def test_numbers_are_those_of_the_scene_that_was_given(scene: Scene, solution: Solution) -> None:
     """However the stages number elements and frames: each track lies on what it was sampled on, in its key frame."""
     tracks = solution.tracks
-    first = np.searchsorted(tracks.track, np.arange(len(tracks)))
     for k, key_frame in enumerate(scene.key_frames):
         at_key = (tracks.frame == key_frame.frame) & (tracks.key_frame[tracks.track] == k)
         for e, element in enumerate(key_frame.elements):
@@ -203,7 +203,6 @@ def test_numbers_are_those_of_the_scene_that_was_given(scene: Scene, solution: S
             inside = shapely.contains_xy(element.amodal.buffer(1.0), tracks.points_px[own])
             assert inside.all()
             assert np.count_nonzero(own) <= tracks.tried[k][e]
-    assert len(first) == len(tracks)
     members = sorted(member for instance in solution.instances for member in instance.members)
     assert members == [(k, e) for k, key_frame in enumerate(scene.key_frames) for e in range(len(key_frame.elements))]
 

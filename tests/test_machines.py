@@ -112,7 +112,7 @@ def _found(planes: FloatArray, points: FloatArray, verdict: str = "ok") -> Found
         "observations": np.arange(len(points)),
         "points_px": points,
         "planes": planes,
-        "covariances": np.tile(np.diag([0.0, 0.0, 0.0, 0.25]), (len(planes), 1, 1)),
+        "sigma_offsets": np.full(len(planes), 0.5),
         "centroids": np.tile([0.0, 0.0, 2.0], (len(planes), 1)),
         "corners": np.zeros((4, 3)),
         "ious": np.ones(3),

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import P
+from gtsam.symbol_shorthand import L, P
 
 import gtlayout.estimation
+import gtlayout.graph
 from gtlayout.config import EstimationConfig, TriangulationConfig
 from gtlayout.estimation import led_astray
 from gtlayout.evidence import Evidence, Normalisation, gather
@@ -174,6 +176,49 @@ def test_landmarks_start_on_their_planes_whatever_they_were_triangulated_at(room
     found = solve_graph(cameras, replace(tracks, points_px=at_infinity(room, tracks, far)), weightless, truth, CONFIG)
     assert found.costs[0] < 30 * found.costs[-1]
     assert np.abs(found.planes - truth).max() < 0.03
+
+
+def test_landmarks_that_miss_their_planes_start_no_farther_than_elements_may_be(room: Room) -> None:
+    tracks = make_tracks(room, rng())
+    evidence, truth, _ = known(room, tracks)
+    behind = face_away(truth, evidence)
+    far = replace(evidence, rays=replace(evidence.rays, rho=np.full(len(tracks), 1e-6)))
+    used = np.arange(len(tracks))
+    values = gtlayout.graph._values(far, behind, np.full((len(tracks), 3), np.nan), np.arange(len(truth)), used, CONFIG)
+    points = np.array([values.atPoint3(L(n)) for n in used.tolist()])
+    depth = np.linalg.norm(points - evidence.rays.center, axis=1) / np.linalg.norm(evidence.rays.ray, axis=1)
+    np.testing.assert_allclose(depth, CONFIG.depth_range[1])
+
+
+def face_away(planes: FloatArray, evidence: Evidence) -> FloatArray:
+    """(S, 4) planes mirrored at a camera: all of them behind it."""
+    center = evidence.rays.center[0]
+    mirrored = planes.copy()
+    mirrored[:, 3] = -planes[:, 3] - 2 * planes[:, :3] @ center
+    return mirrored
+
+
+def test_the_fault_that_scenes_without_a_unit_had_would_be_noticed(room: Room, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Landmarks of tracks that know no depth, started where they used to be: hundreds of metres off their planes."""
+    tracks = make_tracks(room, rng())
+    far = np.arange(len(tracks)) % 3 == 0
+    tracks = replace(tracks, sigma_px=np.where(far, 100.0, tracks.sigma_px))
+    assert solve(room, tracks, true_edges(room)).warnings == ()
+    honest = gtlayout.graph._values
+
+    def triangulated_anywhere(evidence: Evidence, planes: FloatArray, *others: Any) -> gtsam.Values:
+        values = honest(evidence, planes, *others)
+        for n in others[2]:
+            if far[n]:
+                values.erase(L(int(n)))
+                values.insertPoint3(L(int(n)), evidence.rays.center[n] + 1000.0 * evidence.rays.ray[n])
+        return values
+
+    monkeypatch.setattr(gtlayout.graph, "_values", triangulated_anywhere)
+    kept = solve(room, tracks, true_edges(room))
+    assert len(kept.warnings) == 1 and "its start is kept" in kept.warnings[0]
+    angles_deg, offsets = errors(room, kept.planes)
+    assert angles_deg.max() < 0.5 and np.abs(offsets).max() < 0.02
 
 
 @pytest.mark.parametrize("push_px", [10.0, 1e3, 1e5])

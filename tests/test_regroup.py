@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from rooms import level_camera, make_scene, pixels
 from shapely import MultiPolygon
 
-from gtlayout import method
+from gtlayout import estimation, method
 from gtlayout.canonical import canonical
 from gtlayout.config import Config, TriangulationConfig
 from gtlayout.coplanar import find_joins, plane_difference
@@ -296,7 +297,13 @@ QUICK = replace(
 )
 
 
-def solve(room: Room, tracks: Tracks, groups: Sequence[set[tuple[int, int]]]) -> method.Solution:
+def solve(
+    room: Room,
+    tracks: Tracks,
+    groups: Sequence[set[tuple[int, int]]],
+    config: Config = QUICK,
+    restarts: range | None = None,
+) -> method.Solution:
     """The method with tracks and a grouping that are given instead of found in images."""
     orders = canonical(room.scene).elements
     number = [{e: n for n, e in enumerate(order)} for order in orders]
@@ -309,7 +316,7 @@ def solve(room: Room, tracks: Tracks, groups: Sequence[set[tuple[int, int]]]) ->
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(method, "track", lambda *_: renumbered)
         patch.setattr(method, "correspond", lambda scene, *_: form(replace(room, scene=scene), renumbered, regrouped))
-        return method.solve(room.scene, QUICK)
+        return method.solve(room.scene, config, restarts=restarts)
 
 
 @pytest.fixture(scope="module")
@@ -346,3 +353,26 @@ def test_two_walls_with_exchanged_drawings_end_right(right: tuple[Room, Tracks, 
     found = solve(room, tracks, swapped(room, 1))
     check_same(found, expected)
     assert [line.rsplit(" ", 1)[1] for line in found.scene.warnings] == ["split"] * 2 + ["joined"] * 2
+
+
+@pytest.mark.parametrize(("astray", "told"), [("first", False), ("second", True)])
+def test_only_the_solve_that_is_kept_tells_that_it_was_led_astray(
+    right: tuple[Room, Tracks, method.Solution], monkeypatch: pytest.MonkeyPatch, astray: str, told: bool
+) -> None:
+    """Two solves, of which the second is a restart and the only one asked for."""
+    room, tracks, _ = right
+    calls: list[str] = []
+    honest = estimation.optimise
+
+    def spoiled(*arguments: Any) -> Any:
+        calls.append("second" if calls else "first")
+        solution, uncertainty = honest(*arguments)
+        if calls[-1] == astray:
+            solution = replace(solution, planes=solution.planes * [1, 1, 1, 2.0])
+        return solution, uncertainty
+
+    monkeypatch.setattr(estimation, "optimise", spoiled)
+    groups = [set(instance.members) for instance in room.instances]
+    found = solve(room, tracks, groups, replace(QUICK, restarts=2), range(1, 2))
+    assert calls == ["first", "second"]
+    assert any("its start is kept" in line for line in found.scene.warnings) == told

@@ -337,7 +337,9 @@ def test_a_solve_apart_that_fails_says_why(room: Path, tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="only Linux forgets")
+@pytest.mark.skipif(
+    not Path("/proc/self/clear_refs").exists(), reason="the peak memory of a process can be set back on Linux only"
+)
 def test_peak_memory_is_that_since_it_was_forgotten() -> None:
     large = np.ones(100 << 17)
     with_it = peak_bytes()

@@ -21,7 +21,7 @@ SATURATED = np.iinfo(np.uint16).max
 
 def read_rgb(frame: Frame) -> ImageArray:
     """(H, W, 3) uint8 RGB, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    bgr = _to_camera(_stored_bgr(frame), frame, _source(frame), None)
+    bgr = _to_camera(stored_bgr(frame), frame, _source(frame), None)
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
@@ -38,7 +38,7 @@ def read_gray(frame: Frame) -> ImageArray:
     Raises GtlayoutError when the file cannot be read or has the wrong size.
     """
     # Not IMREAD_GRAYSCALE: it takes a JPEG's own luminance, which is up to 5 levels off that of its colours.
-    image = _to_camera(cv2.cvtColor(_stored_bgr(frame), cv2.COLOR_BGR2GRAY), frame, _source(frame), None)
+    image = _to_camera(cv2.cvtColor(stored_bgr(frame), cv2.COLOR_BGR2GRAY), frame, _source(frame), None)
     return image.astype(np.uint8, copy=False)
 
 
@@ -88,8 +88,11 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
     return image
 
 
-def _stored_bgr(frame: Frame) -> npt.NDArray[Any]:
-    """The pixels as in the image file or the video."""
+def stored_bgr(frame: Frame) -> npt.NDArray[Any]:
+    """(H, W, 3) uint8 BGR as in the image file or the video, distortion included.
+
+    Raises GtlayoutError when it cannot be read.
+    """
     return frame.video.video.frame(frame.video.index) if frame.video else decode(frame.image_path, cv2.IMREAD_COLOR)
 
 
