@@ -277,5 +277,5 @@ def test_tracking_decodes_a_video_once_and_forward(clip_with_video: Path, monkey
     monkeypatch.undo()
     # Images in any order lead to the same tracks: only the reading differs.
     cached = replace(scene, frames=tuple(replace(one, video=None) for one in scene.frames))
-    monkeypatch.setattr("gtlayout.tracking.read_gray", lambda one: read_gray(scene.frames[cached.frames.index(one)]))
+    monkeypatch.setattr("gtlayout.image_cache.read_gray", lambda one: read_gray(scene.frames[cached.frames.index(one)]))
     assert np.array_equal(track(cached, config, seed=0).points_px, tracks.points_px)
