@@ -1,0 +1,102 @@
+"""Whether a change of the code leaves results alone: what ``gtlayout solve`` writes, byte by byte, before and after."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from command_line import GTLAYOUT, Jobs, exit_status, new_app
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import read_json
+from gtlayout.threads import single_threaded
+from runner import scenes_by_folder
+
+FILES = ("layout.json", "layout.ply", "layout.glb", "quality.json")
+RENAMED: dict[str, str] = {}
+"""Keys of JSON files that have other words since the results to compare with were made: earlier → now."""
+
+app = new_app("same_results", __doc__)
+
+
+@app.command
+def make(*roots: Annotated[Path, Parameter(name="SCENE")], out: Path, jobs: Jobs = 1) -> None:
+    """Solve scenes and keep the results.
+
+    Parameters
+    ----------
+    roots
+        Scene folders, or folders of scene folders.
+    out
+        A folder for the results of each scene.
+    jobs
+        Scenes solved at a time.
+    """
+    by_folder = scenes_by_folder(roots)
+    scenes = [(path, out / folder / name) for folder, found in by_folder.items() for name, path in found.items()]
+    with single_threaded(), ThreadPoolExecutor(jobs) as pool:
+        for (path, _), problem in zip(scenes, pool.map(_solve, scenes), strict=True):
+            print(f"{path}: {problem or 'solved'}")
+
+
+@app.command
+def compare(before: Path, after: Path) -> None:
+    """Compare two such folders; scenes that differ are a known problem.
+
+    Parameters
+    ----------
+    before, after
+        Folders that ``make`` wrote.
+    """
+    names = sorted({path.relative_to(root).parent for root in (before, after) for path in root.glob(f"*/*/{FILES[0]}")})
+    if not names:
+        raise GtlayoutError(f"no results in {before} and {after}")
+    different = [
+        str(name / file)
+        for name in names
+        for file in FILES
+        if _digest(before / name / file) != _digest(after / name / file)
+    ]
+    if different:
+        raise GtlayoutError(f"{len(different)} of {len(names) * len(FILES)} files differ: {', '.join(different)}")
+    print(f"{len(names)} scenes, {len(names) * len(FILES)} files: all the same")
+
+
+def _solve(scene_and_out: tuple[Path, Path]) -> str:
+    """What went wrong; empty when nothing did. In a process of its own: results must not hang on what went before."""
+    scene, out = scene_and_out
+    ran = subprocess.run(
+        [*GTLAYOUT, "solve", str(scene), "--out", str(out)], capture_output=True, text=True, check=False
+    )
+    return "" if ran.returncode == 0 else ran.stderr.strip()
+
+
+def _digest(file: Path) -> str:
+    """Of a file's bytes, with the words of today in JSON; "missing" for a file that is not there."""
+    if not file.is_file():
+        return "missing"
+    content = (
+        json.dumps(_renamed(read_json(file))).encode() if RENAMED and file.suffix == ".json" else file.read_bytes()
+    )
+    return hashlib.sha256(content).hexdigest()
+
+
+def _renamed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {RENAMED.get(key, key): _renamed(inner) for key, inner in value.items()}
+    return [_renamed(inner) for inner in value] if isinstance(value, list) else value
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command line."""
+    return exit_status(app, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
