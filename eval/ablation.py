@@ -26,8 +26,9 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import estimate
 from gtlayout.evaluation import evaluate
 from gtlayout.extent import compute_extents
+from gtlayout.instances import Instance, Mesh, Plane
 from gtlayout.io import load_scene
-from gtlayout.layout import Instance, Layout, Mesh, Plane
+from gtlayout.layout import Layout
 from gtlayout.method import restart_tracks
 from gtlayout.quality import assess
 from gtlayout.scene import FloatArray, IntArray, Scene

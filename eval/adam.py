@@ -36,7 +36,7 @@ import numpy.typing as npt
 
 from gtlayout.edges import ContactEdge
 from gtlayout.evidence import prefer_visible
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 

@@ -13,8 +13,8 @@ from command_line import GTLAYOUT
 from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Record, read_record, scene_folder
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
+from gtlayout.processes import ONE_THREAD
 from gtlayout.results import REPORT_FILE, TIMINGS_FILE
-from gtlayout.threads import ONE_THREAD
 from metrics import Metric
 
 MARK = "GTLAYOUT_EVAL"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import binomtest, chi2, spearmanr
 
-from gtlayout.layout import Plane, PlaneFrame
+from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.scene import FloatArray
 
 PLANE_DOF = 3

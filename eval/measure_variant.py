@@ -21,8 +21,8 @@ from degradations import degradations
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
+from gtlayout.processes import single_threaded
 from gtlayout.scene import Scene
-from gtlayout.threads import single_threaded
 from metrics import FORMAT, read_rows
 from runner import SceneRows
 from variant_measures import measure

@@ -22,7 +22,7 @@ from gtlayout.batch.scenes import has_cameras
 from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.io import CAMERA_READERS
 from gtlayout.io.files import read_json, write_json_atomic
-from gtlayout.threads import single_threaded
+from gtlayout.processes import single_threaded
 from metrics import FORMAT, Metric, read_rows
 
 SceneRows = dict[str, list[Metric]]

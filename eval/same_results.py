@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from command_line import GTLAYOUT, Jobs, exit_status, new_app
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
-from gtlayout.threads import single_threaded
+from gtlayout.processes import single_threaded
 from runner import scenes_by_folder
 
 FILES = ("layout.json", "layout.ply", "layout.glb", "quality.json")

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
 
 K = np.array([[400.0, 0, 322], [0, 405, 238], [0, 0, 1]])

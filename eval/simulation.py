@@ -13,7 +13,7 @@ import consistency
 from gtlayout.config import EstimationConfig, TriangulationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.estimation import Estimate, estimate
-from gtlayout.layout import Plane
+from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import triangulate

@@ -21,8 +21,9 @@ from gtlayout.config import Config
 from gtlayout.element_scores import match_instances
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import evaluate
+from gtlayout.instances import Plane
 from gtlayout.io.truth import TruePlane, Truth, read_truth
-from gtlayout.layout import Layout, Plane
+from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
 from gtlayout.quality import InstanceQuality
 from gtlayout.raster import spread_points

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from shapely.affinity import scale as scaled
 
-from gtlayout.layout import Extent, Layout, Mesh, Plane, PlaneFrame
+from gtlayout.instances import Extent, Mesh, Plane, PlaneFrame
+from gtlayout.layout import Layout
 from gtlayout.scene import Camera, FloatArray, KeyFrame, Scene
 
 Sources = Sequence[tuple[int, Sequence[int]]]

@@ -15,7 +15,8 @@ import shapely
 from shapely import LineString, MultiLineString, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.layout import Extent, Instance, Layout
+from gtlayout.instances import Extent, Instance
+from gtlayout.layout import Layout
 from gtlayout.polygons import half_plane, polygons
 from gtlayout.render import inverse_depth
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray

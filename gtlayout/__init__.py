@@ -33,6 +33,8 @@ Everything here is what the command line calls. Nothing is imported before it is
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from gtlayout.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from gtlayout import check, export
     from gtlayout.api import load, load_solved, save
@@ -42,8 +44,6 @@ if TYPE_CHECKING:
     from gtlayout.layout import Layout
     from gtlayout.method import Solution, solve
     from gtlayout.scene import Camera, Scene
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Camera",

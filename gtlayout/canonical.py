@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from gtlayout.estimation import Estimate, Iteration
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
 from gtlayout.similarity import Similarity
 from gtlayout.tracking import Tracks

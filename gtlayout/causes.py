@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gtlayout.config import QualityConfig
-from gtlayout.layout import HeldBy, Instance, Plane
+from gtlayout.instances import HeldBy, Instance, Plane
 
 _WEAKER: tuple[HeldBy, ...] = ("right angles", "contact edges")
 """Evidence less direct than tracks."""

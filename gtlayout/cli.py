@@ -9,10 +9,10 @@ from typing import Annotated
 from cyclopts import App, ArgumentCollection, Parameter, Token
 from cyclopts.validators import Number
 
-from gtlayout import __version__
 from gtlayout.console import NotNegative, Positive, exit_status, print_warnings, progress_bars, stdout
 from gtlayout.errors import GtlayoutError
 from gtlayout.results import FOLDER, LOG_FILE, REPORT_FILE
+from gtlayout.version import __version__
 from gtlayout.viewer import WEB_PORT, open_log, serve_log
 from gtlayout.visualize import RerunMode, rerun_observer
 

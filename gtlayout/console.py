@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.visualize import Observer
+from gtlayout.observer import Observer
 
 SHOWN_WARNINGS = 5
 """More than these are only counted, unless -v is given."""

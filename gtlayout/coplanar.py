@@ -13,7 +13,7 @@ from gtlayout.config import ExtentConfig, RegroupingConfig
 from gtlayout.drawings import Drawn, draw_on, shown_there
 from gtlayout.estimation import Estimate
 from gtlayout.extent import median_depth
-from gtlayout.layout import Instance, PlaneFrame
+from gtlayout.instances import Instance, PlaneFrame
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
 

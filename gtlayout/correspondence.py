@@ -17,7 +17,7 @@ from shapely import contains_xy
 
 from gtlayout.config import CorrespondenceConfig
 from gtlayout.hosts import find_hosts
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.raster import spread_points
 from gtlayout.scene import OPENINGS, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks

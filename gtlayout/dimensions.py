@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import shapely
 
-from gtlayout.layout import Dimension, Extent, Instance, Plane, PlaneFrame
+from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import FloatArray, Label
 
 MAX_ANGLE_DEG = 10.0

@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 
 from gtlayout.config import ExtentConfig
 from gtlayout.extent import clip_to_plane, unproject
-from gtlayout.layout import Instance, Plane, PlaneFrame
+from gtlayout.instances import Instance, Plane, PlaneFrame
 from gtlayout.polygons import polygons
 from gtlayout.raster import annotated_labels, spread_points
 from gtlayout.render import inverse_depth

@@ -12,7 +12,7 @@ from shapely import LineString, MultiLineString
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import EdgeConfig
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
 _MOST_CANDIDATES = 64

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from gtlayout.instances import Extent, Plane, PlaneFrame
 from gtlayout.io.truth import TruePlane, Truth
-from gtlayout.layout import Extent, Layout, Plane, PlaneFrame
+from gtlayout.layout import Layout
 from gtlayout.quality import Quality
 from gtlayout.scene import FloatArray
 

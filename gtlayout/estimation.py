@@ -17,7 +17,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.evidence import Evidence, Normalisation, Views, gather
 from gtlayout.graph import Solution, solve, track_weights
 from gtlayout.initialization import face_cameras
-from gtlayout.layout import Instance, Plane, Support
+from gtlayout.instances import Instance, Plane, Support
 from gtlayout.objective import cost_of
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 from gtlayout.support import supports

@@ -10,7 +10,7 @@ import numpy as np
 
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.raster import spread_points
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.similarity import Similarity

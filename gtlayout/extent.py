@@ -11,8 +11,8 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import ExtentConfig
 from gtlayout.edges import ContactEdge
+from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.known_part import known_part
-from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
 from gtlayout.polygons import flat, grid_for, half_plane, homogeneous, polygons
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from gtlayout.config import QualityConfig
 from gtlayout.figures import figure, is_known, percent, short
-from gtlayout.layout import Extent, Instance
+from gtlayout.instances import Extent, Instance
 from gtlayout.scene import Scene
 
 if TYPE_CHECKING:

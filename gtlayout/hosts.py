@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import OPENINGS, Element, Label, Scene
 
 _HOST_LABELS: dict[Label, tuple[Label, ...]] = {

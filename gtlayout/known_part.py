@@ -15,7 +15,7 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import ExtentConfig
-from gtlayout.layout import Plane, PlaneFrame
+from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.raster import spread_points
 from gtlayout.scene import Camera, FloatArray
 

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from shapely import MultiPoint, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.layout import Extent, Instance, Mesh, Plane
+from gtlayout.instances import Extent, Instance, Mesh, Plane
 from gtlayout.polygons import grid_for, polygons
 from gtlayout.scene import FloatArray, IntArray
 

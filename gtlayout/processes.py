@@ -1,21 +1,19 @@
-"""The same work on many things in several processes of one thread each: work that takes whole cores for a while."""
+"""Several processes of one thread each: work that takes whole cores for a while. Quick to import."""
 
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from itertools import islice
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
-import cv2
-
 from gtlayout.errors import GtlayoutError
-from gtlayout.threads import single_threaded
 
 Item = TypeVar("Item")
 
@@ -84,6 +82,8 @@ def _serve(there: Connection, work: Callable[[Item], object]) -> None:
     # Ctrl-C in a terminal reaches all processes: the one that was started by the user decides what comes of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    import cv2
+
     cv2.setNumThreads(1)
     while True:
         try:
@@ -104,3 +104,22 @@ def _ended(exit_status: int | None) -> Exception:
         name = signal.Signals(-exit_status).name
         return GtlayoutError(f"a process was killed ({name}; out of memory?): run the same command again to go on")
     return RuntimeError("a process ended: see what it wrote above")
+
+
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
+"""Environment of a process whose libraries are not to fight for the cores. OpenCV is to be told in the process."""
+
+
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """For processes started within."""
+    before = {name: os.environ.get(name) for name in ONE_THREAD}
+    os.environ.update(ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

@@ -13,7 +13,7 @@ from gtlayout.causes import causes
 from gtlayout.config import QualityConfig
 from gtlayout.figures import short
 from gtlayout.headline import Headline, headline
-from gtlayout.layout import Extent, Instance, Plane
+from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, annotated_labels
 from gtlayout.render import inverse_depth, render
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene

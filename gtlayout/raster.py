@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from shapely import MultiPolygon, contains_xy, get_coordinates
 
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import OPENINGS, BoolArray, FloatArray, Scene
 
 LabelImage = npt.NDArray[np.int32]

@@ -15,7 +15,7 @@ from gtlayout.config import Config
 from gtlayout.coplanar import find_joins
 from gtlayout.correspondence import form_instances
 from gtlayout.estimation import Estimate
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from gtlayout.layout import Extent, Instance, Plane
+from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.raster import LabelImage, fill, rings_of
 from gtlayout.scene import Camera, FloatArray
 

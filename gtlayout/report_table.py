@@ -13,7 +13,8 @@ from gtlayout.camera_refinement import CameraReport
 from gtlayout.evaluation import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
 from gtlayout.headline import Headline, drawing
-from gtlayout.layout import Dimension, Layout
+from gtlayout.instances import Dimension
+from gtlayout.layout import Layout
 from gtlayout.quality import Quality
 from gtlayout.scene import Scene
 

@@ -16,8 +16,10 @@ from gtlayout.colors import LABEL_COLORS, instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate
+from gtlayout.instances import Extent, Instance, Mesh
 from gtlayout.io.images import encoded, read_rgb
-from gtlayout.layout import Extent, Instance, Layout, Mesh
+from gtlayout.layout import Layout
+from gtlayout.observer import Observer
 from gtlayout.quality import Quality
 from gtlayout.raster import annotated_labels, rings_of
 from gtlayout.render import render
@@ -26,7 +28,6 @@ from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.support import OUTVOTED
 from gtlayout.tracking import Tracks
-from gtlayout.visualize import Observer
 
 APPLICATION = "gtlayout"
 JPEG_QUALITY = 75

@@ -8,7 +8,7 @@ import numpy as np
 
 from gtlayout.evidence import EdgeGroup, Evidence, followed
 from gtlayout.graph import Solution
-from gtlayout.layout import HeldBy, Instance, Support
+from gtlayout.instances import HeldBy, Instance, Support
 from gtlayout.scene import BoolArray, FloatArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, parallax_deg

@@ -21,7 +21,7 @@ from gtsam.symbol_shorthand import B, P, S
 from gtlayout.config import EstimationConfig, UncertaintyConfig
 from gtlayout.evidence import Evidence, Views
 from gtlayout.factors import biased_depth_factor
-from gtlayout.layout import HeldBy
+from gtlayout.instances import HeldBy
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.structure import edge_factors, joint_factors, plane_priors
 from gtlayout.tracking import Tracks

@@ -11,7 +11,8 @@ import numpy as np
 import rooms
 from scipy.spatial.transform import Rotation
 
-from gtlayout.layout import Dimension, Layout
+from gtlayout.instances import Dimension
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.scene import Camera, Frame, Scene
 

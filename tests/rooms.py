@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from shapely import MultiPolygon, Polygon, box
 
-from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
+from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import Camera, Element, FloatArray, Frame, KeyFrame, Label, Scene
 
 WIDTH_M, DEPTH_M, HEIGHT_M = 4.0, 5.0, 2.5

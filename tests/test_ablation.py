@@ -13,8 +13,8 @@ import adam
 import benchmark_rooms
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.instances import Plane
 from gtlayout.io import load_scene
-from gtlayout.layout import Plane
 from gtlayout.synth import SynthConfig
 from metrics import Metric, read_rows
 

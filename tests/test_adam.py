@@ -13,7 +13,7 @@ import adam
 import simulated_edges
 import simulated_room
 import simulation
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import FloatArray
 
 ONLY_TRACKS = adam.AdamConfig(edge_weight=0.0, perpendicularity_weight=0.0)

@@ -20,7 +20,7 @@ import gtlayout
 from gtlayout.cli import main
 from gtlayout.io.layout_format import layout_schema
 from gtlayout.method import with_sigma_depth
-from gtlayout.visualize import Observer
+from gtlayout.observer import Observer
 
 ROOT = Path(__file__).parents[1]
 USER_SCRIPT = '''

@@ -96,8 +96,9 @@ def test_memory_is_drawn_over_scenes_done(tmp_path: Path) -> None:
 
 
 def test_memory_of_a_process_and_what_it_started() -> None:
-    sleeper = [sys.executable, "-c", "input()", "gtlayout.batch.solver"]
+    sleeper = [sys.executable, "-c", "print(flush=True); input()", "gtlayout.batch.solver"]
     with psutil.Popen(sleeper, stdin=-1, stdout=-1) as child:
+        child.stdout.readline()  # before that it may still be what it was forked from
         use = use_of(psutil.Process(os.getpid()))
         child.kill()
     assert use.client > 20

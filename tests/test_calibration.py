@@ -14,10 +14,10 @@ import calibration
 from calibration import Row
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.instances import Plane
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.truth import read_truth
-from gtlayout.layout import Plane
 from gtlayout.method import Solution, solve
 from metrics import Metric, read_rows
 from runner import scenes_by_folder

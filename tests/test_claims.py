@@ -12,7 +12,7 @@ import pytest
 
 from gtlayout.edges import ContactEdge
 from gtlayout.estimation import Estimate
-from gtlayout.layout import Plane
+from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray
 from gtlayout.tracking import Tracks
 from simulated_edges import jitter, spoil, true_edges

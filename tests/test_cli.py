@@ -15,11 +15,11 @@ import pytest
 import trimesh
 
 import gtlayout.method
-from gtlayout import __version__
 from gtlayout.cli import main
 from gtlayout.export import EXPORTERS
 from gtlayout.io import load_scene
 from gtlayout.io.layout_files import read_layout
+from gtlayout.version import __version__
 
 RESULTS = {"layout.json", "layout.glb", "layout.ply", "quality.json", "config.json"}
 TIMINGS = "timings.json"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from consistency import coverage, nees, plane_error_at, rank_correlation, share_of
-from gtlayout.layout import Plane, PlaneFrame
+from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.scene import FloatArray
 
 CENTROID = np.array([3.0, -1.0, 2.0])

@@ -11,7 +11,7 @@ import rooms
 from scipy.linalg import block_diag
 
 from gtlayout.dimensions import room_dimensions
-from gtlayout.layout import Dimension, Plane
+from gtlayout.instances import Dimension, Plane
 from gtlayout.scene import FloatArray
 
 

@@ -22,9 +22,9 @@ import pytest
 from gtlayout.causes import causes
 from gtlayout.cli import app
 from gtlayout.config import Config, QualityConfig
+from gtlayout.instances import HeldBy, Instance, Plane, Support
 from gtlayout.io import ANNOTATION_READERS, CAMERA_READERS
-from gtlayout.layout import HeldBy, Instance, Plane, Support
-from gtlayout.threads import ONE_THREAD
+from gtlayout.processes import ONE_THREAD
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "pages"

@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import EdgeConfig
 from gtlayout.edges import ContactEdge, contact_edges
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, KeyFrame, Scene
 from simulated_edges import true_edges
 from simulated_room import as_multi, make_room, orbit

@@ -15,7 +15,8 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import Evaluation, evaluate
-from gtlayout.layout import Extent, Layout, Plane
+from gtlayout.instances import Extent, Plane
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.scene import FloatArray
 

@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 from gtlayout.config import EstimationConfig, TriangulationConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
-from gtlayout.layout import Instance
+from gtlayout.instances import Instance
 from gtlayout.scene import Element, KeyFrame
 from gtlayout.triangulation import triangulate
 from simulated_edges import jitter, true_edges

@@ -21,9 +21,10 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import Evaluation, evaluate
 from gtlayout.extent import compute_extents
 from gtlayout.hosts import find_hosts
+from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.io import load_scene
 from gtlayout.io.truth import read_truth
-from gtlayout.layout import Extent, Instance, Layout, Plane
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.report_table import evaluation_table
 from gtlayout.scene import FloatArray, Scene

@@ -23,7 +23,8 @@ from gtlayout.export import EXPORTERS, Format, export_layout
 from gtlayout.export.facts import NOT_METRIC
 from gtlayout.export.ifc import PROPERTIES, SHELL_THICKNESS_M, THICKNESS_M
 from gtlayout.export.upright import z_up_from_world
-from gtlayout.layout import Dimension, Extent, Layout, Plane
+from gtlayout.instances import Dimension, Extent, Plane
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.scene import FloatArray, Scene
 

@@ -13,7 +13,7 @@ from shapely import MultiPolygon, Polygon, box
 from gtlayout.config import EdgeConfig, ExtentConfig
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.extent import clip_to_plane, compute_extents, median_depth, unproject
-from gtlayout.layout import Extent, Instance, Plane
+from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.polygons import polygons
 from gtlayout.scene import FloatArray, Scene
 

@@ -21,7 +21,8 @@ from gtlayout.evaluation import DepthError, Evaluation, evaluate
 from gtlayout.export import export_layout
 from gtlayout.export.facts import facts, scene_facts
 from gtlayout.figures import figure, is_known, percent, short, sigma_figure, with_sigma
-from gtlayout.layout import Dimension, Layout, Plane
+from gtlayout.instances import Dimension, Plane
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality import Quality, assess
 from gtlayout.report import page, report_data

@@ -12,7 +12,7 @@ from shapely import box
 
 from gtlayout.config import QualityConfig
 from gtlayout.headline import Headline
-from gtlayout.layout import Extent, Plane
+from gtlayout.instances import Extent, Plane
 from gtlayout.polygons import polygons
 from gtlayout.quality import Quality, assess
 from gtlayout.scene import Scene

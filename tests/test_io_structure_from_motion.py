@@ -17,9 +17,9 @@ from gtlayout.io import load_scene
 from gtlayout.io.frame_extraction import Extraction, extract_frames
 from gtlayout.io.sfm_verdict import Matching, no_model, spans, weaknesses
 from gtlayout.io.structure_from_motion import STRAIGHTENED, SfmResult, median_parallax_deg, pairs_to_match, reconstruct
+from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray, ImageArray
 from gtlayout.synth import SynthConfig, synthesize
-from gtlayout.visualize import Observer
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 15
 

@@ -12,8 +12,8 @@ from shapely import MultiPolygon, Point, box
 
 from gtlayout.config import ExtentConfig, QualityConfig
 from gtlayout.extent import compute_extents
+from gtlayout.instances import Extent, Plane, PlaneFrame
 from gtlayout.known_part import known_part
-from gtlayout.layout import Extent, Plane, PlaneFrame
 from gtlayout.quality import assess
 from gtlayout.scene import Camera, FloatArray
 

@@ -19,8 +19,8 @@ from gtlayout.edges import contact_edges
 from gtlayout.export.floor_plan import floor_plan
 from gtlayout.extent import compute_extents
 from gtlayout.hosts import find_hosts
+from gtlayout.instances import Extent, Instance, Mesh, Plane, PlaneFrame
 from gtlayout.io.elements import DrawnElement, DrawnVisible, assemble
-from gtlayout.layout import Extent, Instance, Mesh, Plane, PlaneFrame
 from gtlayout.mesh import build_mesh
 from gtlayout.polygons import polygons
 from gtlayout.scene import FloatArray, Label, Scene

@@ -19,9 +19,10 @@ from shapely import MultiPolygon, Polygon, box
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.instances import Dimension, Extent, Plane, Support
 from gtlayout.io.files import write_all_atomic
 from gtlayout.io.layout_files import read_layout, write_results
-from gtlayout.layout import Dimension, Extent, Layout, Plane, Support
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality import Quality, assess
 from gtlayout.report_table import dimensions, element_table, headline_text, markdown, measures, reasons

@@ -14,11 +14,12 @@ import rooms
 from jsonschema import Draft202012Validator
 
 from gtlayout.config import Config
+from gtlayout.instances import Plane
 from gtlayout.io.files import json_text
 from gtlayout.io.json_schema import OrNull, Shape, schema_of
 from gtlayout.io.layout_files import write_results
 from gtlayout.io.layout_format import layout_schema
-from gtlayout.layout import Layout, Plane
+from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality import assess
 

@@ -14,7 +14,7 @@ from shapely import MultiPolygon, Polygon, box
 from gtlayout.config import EdgeConfig, ExtentConfig
 from gtlayout.edges import contact_edges
 from gtlayout.extent import compute_extents
-from gtlayout.layout import Extent, Mesh, Plane
+from gtlayout.instances import Extent, Mesh, Plane
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.scene import FloatArray
 

@@ -11,7 +11,7 @@ import rooms
 from shapely import MultiPolygon
 
 from gtlayout.config import QualityConfig
-from gtlayout.layout import Extent, Instance, Plane, Support
+from gtlayout.instances import Extent, Instance, Plane, Support
 from gtlayout.quality import InstanceQuality, Quality, assess
 from gtlayout.scene import Scene
 

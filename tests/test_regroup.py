@@ -17,7 +17,7 @@ from gtlayout.config import Config, TriangulationConfig
 from gtlayout.coplanar import find_joins, plane_difference
 from gtlayout.correspondence import form_instances
 from gtlayout.estimation import Estimate
-from gtlayout.layout import Instance, Plane, Support
+from gtlayout.instances import Instance, Plane, Support
 from gtlayout.scene import FloatArray, IntArray, Label, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays, triangulate

@@ -10,7 +10,7 @@ import rooms
 import shapely
 from shapely import MultiPolygon, Polygon, box
 
-from gtlayout.layout import Extent
+from gtlayout.instances import Extent
 from gtlayout.raster import annotated_labels, fill, rings_of
 from gtlayout.render import inverse_depth, project_rings, render
 from gtlayout.scene import BoolArray, Camera, FloatArray

@@ -18,7 +18,7 @@ from gtlayout import uncertainty
 from gtlayout.config import EstimationConfig, TriangulationConfig, UncertaintyConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.evidence import Evidence, Normalisation, gather
-from gtlayout.layout import HeldBy
+from gtlayout.instances import HeldBy
 from gtlayout.scene import FloatArray
 from gtlayout.starts import polish
 from gtlayout.tracking import Tracks

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from clip_forms import forms, sources_by_id, write_video
 from gtlayout.errors import GtlayoutError
+from gtlayout.instances import Mesh, Plane
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.images import read_rgb
 from gtlayout.io.truth import TruePlane, Truth, read_truth
-from gtlayout.layout import Layout, Mesh, Plane
+from gtlayout.layout import Layout
 from gtlayout.quality import InstanceQuality, Verdict
 from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, Scene

@@ -17,8 +17,9 @@ from web_viewer import web_viewer
 import gtlayout.viewer
 from gtlayout.cli import main
 from gtlayout.errors import GtlayoutError
+from gtlayout.observer import Observer
 from gtlayout.viewer import open_log, require_viewer, serve_log
-from gtlayout.visualize import Observer, rerun_observer
+from gtlayout.visualize import rerun_observer
 
 
 def test_no_viewer_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

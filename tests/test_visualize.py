@@ -18,8 +18,9 @@ from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.config import Config
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
+from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
-from gtlayout.visualize import Observer, rerun_observer
+from gtlayout.visualize import rerun_observer
 
 ELSEWHERE = (
     "request: https://",

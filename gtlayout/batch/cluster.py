@@ -18,7 +18,7 @@ from distributed.utils import silence_logging_cmgr
 
 from gtlayout.batch.fingerprint import program
 from gtlayout.errors import GtlayoutError
-from gtlayout.threads import ONE_THREAD
+from gtlayout.processes import ONE_THREAD
 
 WORKER_BYTES = 3 << 29
 """1.5 GiB for each worker: a film of 2,000 frames in full HD takes 0.6, a worker itself 0.15."""

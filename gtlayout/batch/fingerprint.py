@@ -47,7 +47,7 @@ def program() -> str:
     for path in sorted(_walk([package], set())):
         if path.suffix in (".py", ".html", ".css", ".js"):
             digest.update(repr((path.relative_to(package).as_posix(), sha256(path))).encode())
-    return f"{gtlayout.__version__}+{digest.hexdigest()[:12]}"
+    return f"{gtlayout.version.__version__}+{digest.hexdigest()[:12]}"
 
 
 def inputs_of(scene: Path, configuration: str, leave_out: Iterable[Path] = ()) -> Inputs:

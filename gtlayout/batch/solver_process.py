@@ -23,7 +23,7 @@ from gtlayout.batch.job import BEGUN, Answer, Attempt, Job
 from gtlayout.batch.record import SOLVE_LOG_FILE
 from gtlayout.batch.results import lease_lost
 from gtlayout.errors import GtlayoutError
-from gtlayout.threads import ONE_THREAD
+from gtlayout.processes import ONE_THREAD
 
 LOOK_EVERY_S = 0.1
 """Between two looks at a process's memory."""

@@ -10,7 +10,8 @@ import shapely
 
 from gtlayout.dimensions import MAX_ANGLE_DEG
 from gtlayout.errors import GtlayoutError
-from gtlayout.layout import Layout, PlaneFrame
+from gtlayout.instances import PlaneFrame
+from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Label, Scene
 
 Level = Literal["floor", "ceiling", "walls and cameras"]

@@ -16,7 +16,8 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.floor_level import MIN_SINE, Level, floor_frame
-from gtlayout.layout import Layout, PlaneFrame
+from gtlayout.instances import PlaneFrame
+from gtlayout.layout import Layout
 from gtlayout.polygons import polygons
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 

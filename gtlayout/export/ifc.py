@@ -18,13 +18,14 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from gtlayout import __version__
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.export.facts import NOT_METRIC, Fact, facts, scene_facts
 from gtlayout.export.upright import outline_in, turned, z_up_from_world
+from gtlayout.instances import Extent, PlaneFrame
 from gtlayout.io.files import printable, write_atomic
-from gtlayout.layout import Extent, Layout, PlaneFrame
+from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
+from gtlayout.version import __version__
 
 THICKNESS_M: dict[Label, float] = {"door": 0.04, "window": 0.04}
 """Nominal, of doors and windows …"""

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import trimesh
 
-from gtlayout.colors import LABEL_COLORS
 from gtlayout.export import unit
 from gtlayout.io.files import write_atomic
-from gtlayout.layout import Layout
-from gtlayout.mesh import vertex_sigma
+from gtlayout.layout import Layout, surface
 from gtlayout.scene import Scene
 
 
@@ -26,12 +23,3 @@ def ply_bytes(layout: Layout) -> bytes:
     # Comments stand after the line that names the format (Turk, The PLY Polygon File Format); trimesh writes none.
     magic, format_line, rest = content.split(b"\n", 2)
     return b"\n".join([magic, format_line, f"comment unit: {unit(layout.metric)}".encode(), rest])
-
-
-def surface(layout: Layout) -> trimesh.Trimesh:
-    """The mesh in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
-    mesh = layout.triangles
-    colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
-    made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
-    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
-    return made

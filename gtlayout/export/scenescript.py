@@ -15,8 +15,9 @@ import shapely
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.upright import turned, z_up_from_world
+from gtlayout.instances import Extent
 from gtlayout.io.files import write_atomic
-from gtlayout.layout import Extent, Layout
+from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
 
 MAX_TILT_DEG = 10.0

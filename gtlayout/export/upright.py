@@ -9,7 +9,8 @@ from shapely import MultiPolygon
 
 from gtlayout.export.floor_level import up_of_walls
 from gtlayout.export.glb import y_up
-from gtlayout.layout import Extent, Layout, PlaneFrame
+from gtlayout.instances import Extent, PlaneFrame
+from gtlayout.layout import Layout
 from gtlayout.polygons import polygons
 from gtlayout.scene import FloatArray, Scene
 

@@ -12,13 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.hosts import find_hosts
+from gtlayout.instances import Instance, Mesh
 from gtlayout.io import SCENE_FILE
 from gtlayout.io.cad_estate import CLIP_NAME, FRAMES_FILE, MASKS_FOLDER
 from gtlayout.io.exports import the_one_size, write_jpeg, write_truth
 from gtlayout.io.files import write_atomic, write_json_atomic
 from gtlayout.io.images import encoded
 from gtlayout.io.room_structure import DOOR_FLAG, FILE_NAME, WINDOW_FLAG, RoomStructure, write_room_structure
-from gtlayout.layout import Instance, Layout, Mesh
+from gtlayout.layout import Layout
 from gtlayout.raster import fill, rings_of
 from gtlayout.scene import OPENINGS, Frame, ImageArray, IntArray, Label, Scene
 

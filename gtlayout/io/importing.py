@@ -20,8 +20,8 @@ from gtlayout.io.metric_scale import Scale, scale_from_depth, scaled, sparse_dep
 from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.sources import PosedImages
 from gtlayout.io.structure_from_motion import reconstruct
+from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene
-from gtlayout.visualize import Observer
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 

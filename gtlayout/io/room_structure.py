@@ -14,8 +14,8 @@ import numpy as np
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.io.files import write_atomic
-from gtlayout.layout import Extent, Instance, Plane, PlaneFrame
 from gtlayout.raster import LabelImage
 from gtlayout.render import render
 from gtlayout.scene import Camera, FloatArray, IntArray, Label

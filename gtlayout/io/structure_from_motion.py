@@ -14,8 +14,8 @@ import pycolmap
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_atomic
 from gtlayout.io.sfm_verdict import MAX_FOCAL_SIGMA, Matching, no_model, weaknesses
+from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
-from gtlayout.visualize import Observer
 
 NO_FOCAL_SIGMA = 0.1
 """As a share: a model whose focal length may be anything is none."""

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gtlayout import __version__
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.io.re10k import read_cameras
@@ -20,6 +19,7 @@ from gtlayout.synth.levels import LEVELS
 from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import ROOM_KINDS
 from gtlayout.synth.scene import synthesize
+from gtlayout.version import __version__
 
 FORMAT = "gtlayout-data-set/1"
 FILE = "data_set.json"

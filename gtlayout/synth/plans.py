@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from gtlayout.layout import PlaneFrame
+from gtlayout.instances import PlaneFrame
 from gtlayout.scene import FloatArray, Label
 
 CROOKED_M = 0.05

@@ -9,7 +9,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from gtlayout.layout import PlaneFrame
+from gtlayout.instances import PlaneFrame
 from gtlayout.scene import FloatArray, ImageArray, Label
 from gtlayout.synth.textures import TEXEL_M, Painter
 

@@ -1,0 +1,188 @@
+"""Instances and what is found of each: plane with uncertainty, extent, mesh, dimensions. Plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from gtlayout.scene import FloatArray, IntArray, Label
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One physical element: the annotated elements of all key frames that show it."""
+
+    name: str
+    """``wall_0``, ``floor_0`` …: label and a running number, unique in the layout."""
+    label: Label
+    members: tuple[tuple[int, int], ...]
+    """(key frame index, element index) pairs, at most one per key frame."""
+    host: int | None = None
+    """For doors and windows: index of the instance whose plane they lie in; None when they have none."""
+
+
+HeldBy = Literal["", "tracks", "contact edges", "right angles", "priors"]
+
+
+@dataclass(frozen=True)
+class Support:
+    """What the solve had to place a plane with: tells why a plane is weak."""
+
+    tracks: int = 0
+    """Point tracks that took part."""
+    survived: float = np.nan
+    """Share of the points sampled on it that could be followed; NaN when none was sampled."""
+    parallax_deg: float = np.nan
+    """Median over its tracks of the largest angle between two rays to the point; NaN without tracks."""
+    outvoted: float = np.nan
+    """Share of its tracks that lie off the plane and were given up; NaN without tracks or plane."""
+    contact_edges: int = 0
+    """Contact edges with other placed planes, counted in each key frame."""
+    edge_px: float = np.nan
+    """Median distance of its contact edges, as drawn, from the lines in which the planes meet; NaN without edges."""
+    held_by: HeldBy = ""
+    """The strongest kind of evidence that the plane rests on; empty when it is not known."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """``normal · X + d = 0`` in the world, normal turned towards the cameras."""
+
+    normal: FloatArray
+    """(3,) unit normal."""
+    d: float
+    covariance: FloatArray
+    """(4, 4) covariance of (normal, normal · anchor + d) in the world frame; rank 3. With the usual anchor that is
+    (normal, d)."""
+    observable: bool
+    """False when nothing but priors determines the plane: its numbers then mean nothing."""
+    note: str = ""
+    """Why the plane is weak, in words; empty when it is not."""
+    support: Support = Support()
+    """What places it."""
+    sigma_depth_m: float = np.nan
+    """σ of its depth at the centroid of its largest drawing, metres; NaN where nothing is known, and in scenes that are
+    not metric (``sigma_depth`` then has it in the world's unit)."""
+    anchor: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """(3,) world point that the covariance is told about: the world's origin, unless that is so far from the cameras
+    that d would lose the digits that σ is made of."""
+
+    @property
+    def covariance_world(self) -> FloatArray:
+        """(4, 4) covariance of (normal, d) itself."""
+        from_anchor = np.eye(4)
+        from_anchor[3, :3] = -self.anchor
+        return from_anchor @ self.covariance @ from_anchor.T
+
+    @property
+    def sigma_normal_deg(self) -> float:
+        """σ of the normal's direction, degrees: the larger of its two principal axes; NaN when nothing is known."""
+        if not np.isfinite(self.covariance).all():
+            return np.nan
+        return float(np.rad2deg(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])))
+
+    def sigma_offset(self, points_world: FloatArray) -> FloatArray:
+        """(...) σ of the plane's position along its normal at points (..., 3) on it, world unit."""
+        gradient = np.concatenate([points_world - self.anchor, np.ones((*points_world.shape[:-1], 1))], axis=-1)
+        variance = np.einsum("...a,ab,...b->...", gradient, self.covariance, gradient)
+        # Rounding can make the variance of what is known exactly negative.
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def sigma_depth(self, points_world: FloatArray, rays_world: FloatArray) -> FloatArray:
+        """(...) σ of the depths at which the plane is hit by rays through points (..., 3) on it.
+
+        ``rays_world`` (..., 3) have z = 1 in the camera, so the result is along the camera's z, world unit.
+        """
+        return self.sigma_offset(points_world) / np.abs(rays_world @ self.normal)
+
+
+@dataclass(frozen=True)
+class PlaneFrame:
+    """A right-handed 2D frame on a plane: ``X = origin + u e_u + v e_v``, ``e_u × e_v = normal``."""
+
+    origin: FloatArray
+    """(3,) a point on the plane."""
+    axes: FloatArray
+    """(2, 3) unit vectors e_u and e_v."""
+
+    @classmethod
+    def across(cls, normal: FloatArray, origin: FloatArray) -> PlaneFrame:
+        """A frame on the plane through ``origin`` with that unit normal."""
+        # Rounded: the frame of a floor does not turn by 90° with the sign of what is zero but for rounding.
+        e_u = np.cross(np.eye(3)[np.argmin(np.abs(normal).round(9))], normal)
+        e_u /= np.linalg.norm(e_u)
+        return cls(origin, np.stack([e_u, np.cross(normal, e_u)]))
+
+    def to_world(self, points_uv: FloatArray) -> FloatArray:
+        """(N, 2) → (N, 3)."""
+        return self.origin + points_uv @ self.axes
+
+    def to_plane(self, points_world: FloatArray) -> FloatArray:
+        """(N, 3) → (N, 2): orthogonal projection."""
+        return (points_world - self.origin) @ self.axes.T
+
+    def rings_to_world(self, region: MultiPolygon) -> list[list[FloatArray]]:
+        """Per polygon its outer ring and its holes as (N, 3) world points, without the repeated last point."""
+        return [
+            [self.to_world(shapely.get_coordinates(ring)[:-1]) for ring in (polygon.exterior, *polygon.interiors)]
+            for polygon in region.geoms
+        ]
+
+    def region(self, rings_world: Sequence[Sequence[FloatArray]]) -> MultiPolygon:
+        """The inverse of ``rings_to_world``; rings beside the plane are projected on it orthogonally."""
+        return MultiPolygon(
+            [Polygon(outer, holes) for outer, *holes in ([self.to_plane(r) for r in rings] for rings in rings_world)]
+        )
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The finite part of a plane that an element covers."""
+
+    frame: PlaneFrame
+    region: MultiPolygon
+    """In ``frame``'s coordinates, world unit; may be empty."""
+    unrefined: MultiPolygon
+    """The same before refinement (the plain union of the unprojected polygons)."""
+    unknown_area: float = 0.0
+    """What was drawn beyond where the depth is known and was left out, square world units."""
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Labelled triangles. Vertices are shared along contact edges."""
+
+    vertices: FloatArray
+    """(V, 3) world."""
+    faces: IntArray
+    """(F, 3) indices, counter-clockwise seen from the cameras."""
+    face_instance: IntArray
+    """(F,) index of the instance each triangle belongs to."""
+
+    @classmethod
+    def empty(cls) -> Mesh:
+        """No triangles."""
+        return cls(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """The distance of two surfaces that face each other."""
+
+    first: int
+    """Index of an instance: the floor, of a height."""
+    second: int
+    """Index of the instance opposite."""
+    kind: Literal["height", "width"]
+    """Floor to ceiling, or wall to wall."""
+    length: float
+    """World unit."""
+    sigma: float
+    """σ of the length, world unit; what the errors of both planes have in common counts."""
+    ends_world: FloatArray
+    """(2, 3) where it is measured: a point on each plane."""

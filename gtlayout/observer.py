@@ -1,0 +1,54 @@
+"""What a solve tells while it runs: the stages know nothing of progress bars or viewers.
+
+``gtlayout.method.solve`` calls an :class:`Observer` between them; this one ignores everything.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gtlayout.edges import ContactEdge
+    from gtlayout.estimation import Estimate
+    from gtlayout.instances import Extent, Instance, Mesh
+    from gtlayout.layout import Layout
+    from gtlayout.quality import Quality
+    from gtlayout.scene import IntArray, Scene
+    from gtlayout.tracking import Tracks
+
+
+class Observer:
+    """Ignores what it is told. Subclasses override what they care for; the methods are called in this order."""
+
+    def stage(self, name: str) -> None:
+        """A stage begins."""
+
+    def progress(self, done: int, total: int) -> None:
+        """``done`` of ``total`` steps of the current stage are finished."""
+
+    def scene(self, scene: Scene) -> None:
+        """What is solved."""
+
+    def tracks(self, tracks: Tracks) -> None:
+        """Result of stage 1."""
+
+    def cameras(self, scene: Scene) -> None:
+        """The scene with refined cameras; called only when there are any."""
+
+    def instances(self, instances: tuple[Instance, ...], track_instance: IntArray) -> None:
+        """Result of stage 2."""
+
+    def edges(self, edges: tuple[ContactEdge, ...]) -> None:
+        """Result of stage 3."""
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Result of stage 4 (of the run that was kept)."""
+
+    def extents(self, extents: tuple[Extent, ...]) -> None:
+        """Result of stage 5."""
+
+    def mesh(self, mesh: Mesh) -> None:
+        """Result of stage 6."""
+
+    def quality(self, layout: Layout, quality: Quality) -> None:
+        """Result of stage 7; the last call."""
