@@ -21,14 +21,14 @@ from consistency import PLANE_DOF, coverage, nees, plane_error_at, rank_correlat
 from gtlayout.config import Config
 from gtlayout.element_scores import centroid_world, match_instances, plane_error
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_atomic
 from gtlayout.io.truth import Truth, read_truth
 from gtlayout.method import Solution, solve
 from gtlayout.quality import centroid_of_largest
-from gtlayout.raster import spread_points
-from gtlayout.render import inverse_depth
 from gtlayout.scene import OPENINGS, Camera, FloatArray, Scene
 from metrics import Metric, write_tables
 from plots import reliability, sigma_against_error

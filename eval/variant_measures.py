@@ -21,13 +21,13 @@ from gtlayout.config import Config
 from gtlayout.element_scores import match_instances
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import evaluate
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane
 from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
 from gtlayout.quality import InstanceQuality
-from gtlayout.raster import spread_points
-from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, Element, FloatArray
 from memory_use import MIB
 from metrics import Metric

@@ -15,10 +15,10 @@ import shapely
 from shapely import LineString, MultiLineString, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.polygons import half_plane, polygons
 from gtlayout.instances import Extent, Instance
 from gtlayout.layout import Layout
-from gtlayout.polygons import half_plane, polygons
-from gtlayout.render import inverse_depth
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
 
 GAP_PX = 2.0
@@ -64,7 +64,7 @@ def group_elements(instances: Sequence[Instance]) -> list[list[int]]:
 
 
 def visible_regions(layout: Layout, camera: Camera) -> list[MultiPolygon]:
-    """The part of the image (px) in which each instance is seen: the vector form of ``gtlayout.render.render``.
+    """The part of the image (px) in which each instance is seen: the vector form of ``geometry.render.render``.
 
     A host is not cut by its openings, so it and they may overlap. Which of two planes is nearer changes only along the
     image of their intersection line: what hides a polygon is cut off by half-planes, without sampling.

@@ -16,9 +16,9 @@ import numpy as np
 import shapely
 
 from gtlayout.estimation import Estimate, Iteration
+from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Instance
 from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
-from gtlayout.similarity import Similarity
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import camera_path
 

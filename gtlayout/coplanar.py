@@ -12,7 +12,7 @@ import shapely
 from gtlayout.config import ExtentConfig, RegroupingConfig
 from gtlayout.drawings import Drawn, draw_on, shown_there
 from gtlayout.estimation import Estimate
-from gtlayout.extent import median_depth
+from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, PlaneFrame
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 

@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 from shapely import contains_xy
 
 from gtlayout.config import CorrespondenceConfig
-from gtlayout.hosts import find_hosts
+from gtlayout.geometry.hosts import find_hosts
+from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance
-from gtlayout.raster import spread_points
 from gtlayout.scene import OPENINGS, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays

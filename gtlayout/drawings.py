@@ -10,11 +10,10 @@ import shapely
 from shapely import MultiPolygon
 
 from gtlayout.config import ExtentConfig
-from gtlayout.extent import clip_to_plane, unproject
+from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, unproject
+from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.raster import annotated_labels, spread_points
 from gtlayout.instances import Instance, Plane, PlaneFrame
-from gtlayout.polygons import polygons
-from gtlayout.raster import annotated_labels, spread_points
-from gtlayout.render import inverse_depth
 from gtlayout.scene import FloatArray, Scene
 
 _POINTS = 40

@@ -15,13 +15,13 @@ from gtlayout.element_scores import (
     plane_error,
 )
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import fill, rings_of
+from gtlayout.geometry.render import render
 from gtlayout.headline import Headline
 from gtlayout.io.images import read_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.quality import Prediction, assess
-from gtlayout.raster import fill, rings_of
-from gtlayout.render import render
 from gtlayout.scene import FloatArray, Scene
 
 WORST_SHARE = 0.01

@@ -10,10 +10,10 @@ import numpy as np
 
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
+from gtlayout.geometry.raster import spread_points
+from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Instance
-from gtlayout.raster import spread_points
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
-from gtlayout.similarity import Similarity
 from gtlayout.tracking import Tracks
 from gtlayout.triangulation import Rays
 

@@ -11,10 +11,10 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import ExtentConfig
 from gtlayout.edges import ContactEdge
+from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, median_depth, unproject
+from gtlayout.geometry.polygons import flat, grid_for, half_plane, homogeneous, polygons
 from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.known_part import known_part
-from gtlayout.polygons import flat, grid_for, half_plane, homogeneous, polygons
-from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
 _GRID_PX = 1e-9
@@ -66,42 +66,6 @@ def compute_extents(
     ]
     unknown = [max(all_of_it.area - rest.area, 0.0) for all_of_it, rest in zip(drawn, unrefined, strict=True)]
     return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, unknown, strict=True))
-
-
-def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
-    """The scene's scale: median depth of the elements' vertices on their planes, world unit; inf when none is seen."""
-    depths = []
-    for instance, plane in zip(instances, planes, strict=True):
-        for key_frame, element in instance.members if plane.observable else ():
-            region = scene.key_frames[key_frame].elements[element].amodal
-            inverse = homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
-                plane, scene.frame_of(key_frame).camera
-            )
-            depths.append(1 / inverse[inverse > 0])
-    found = np.concatenate(depths) if depths else np.empty(0)
-    return float(np.median(found)) if len(found) else np.inf
-
-
-def clip_to_plane(
-    region: BaseGeometry, plane: Plane, camera: Camera, max_depth: float, min_horizon_px: float
-) -> BaseGeometry:
-    """The part of an image region (px) in which the plane lies in front of the camera, near and below its horizon.
-
-    Inverse depth is linear in the image, so both limits are one half-plane. Clipping there, not in 3D, is what keeps
-    pixels near the horizon from unprojecting to infinity.
-    """
-    inverse = inverse_depth(plane, camera)
-    slope = float(np.hypot(inverse[0], inverse[1]))
-    limit = max(1 / max_depth, min_horizon_px * slope)
-    if region.is_empty or not np.isfinite(inverse).all():
-        return Polygon()
-    return region.intersection(half_plane(inverse - [0.0, 0.0, limit], region))
-
-
-def unproject(points_px: FloatArray, plane: Plane, camera: Camera) -> FloatArray:
-    """(N, 2) pixels → (N, 3) world points on the plane. The plane must lie in front of the camera at each of them."""
-    depth = 1 / (homogeneous(points_px) @ inverse_depth(plane, camera))
-    return camera.center_world + depth[:, None] * camera.rays_world(points_px)
 
 
 def _ended(

@@ -15,8 +15,8 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import ExtentConfig
+from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane, PlaneFrame
-from gtlayout.raster import spread_points
 from gtlayout.scene import Camera, FloatArray
 
 _SAMPLES = 100

@@ -8,10 +8,10 @@ import numpy as np
 import trimesh
 
 from gtlayout.colors import LABEL_COLORS
+from gtlayout.geometry.raster import LabelImage
+from gtlayout.geometry.render import DepthImage, render
 from gtlayout.instances import Dimension, Extent, Instance, Mesh, Plane
 from gtlayout.mesh import vertex_sigma
-from gtlayout.raster import LabelImage
-from gtlayout.render import DepthImage, render
 from gtlayout.scene import Camera
 
 

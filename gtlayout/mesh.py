@@ -12,8 +12,8 @@ from scipy.spatial import cKDTree
 from shapely import MultiPoint, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.geometry.polygons import grid_for, polygons
 from gtlayout.instances import Extent, Instance, Mesh, Plane
-from gtlayout.polygons import grid_for, polygons
 from gtlayout.scene import FloatArray, IntArray
 
 _WELD_SHARE = 1e-3

@@ -24,14 +24,14 @@ from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
 from gtlayout.extent import compute_extents
+from gtlayout.geometry.raster import LabelImage
+from gtlayout.geometry.render import DepthImage
 from gtlayout.instances import Instance, Plane
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.observer import Observer
 from gtlayout.quality import Quality, assess
-from gtlayout.raster import LabelImage
 from gtlayout.regroup import regroup
-from gtlayout.render import DepthImage
 from gtlayout.scene import Camera, IntArray, Scene
 from gtlayout.tracking import Tracks, track
 from gtlayout.triangulation import triangulate

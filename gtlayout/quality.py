@@ -12,10 +12,11 @@ import shapely
 from gtlayout.causes import causes
 from gtlayout.config import QualityConfig
 from gtlayout.figures import short
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.raster import LabelImage, annotated_labels
+from gtlayout.geometry.render import render
 from gtlayout.headline import Headline, headline
 from gtlayout.instances import Extent, Instance, Plane
-from gtlayout.raster import LabelImage, annotated_labels
-from gtlayout.render import inverse_depth, render
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 
 Verdict = Literal["ok", "weak", "unobservable"]

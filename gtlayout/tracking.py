@@ -13,9 +13,9 @@ from shapely import MultiPolygon
 
 from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.image_cache import ImageCache
 from gtlayout.klt import KltTracker, PairTracker, lucas_kanade
-from gtlayout.raster import fill, rings_of
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, ImageArray, IntArray, Scene
 
 _REMAP_ROWS = 1 << 14

@@ -11,7 +11,7 @@ import numpy as np
 from gtlayout.config import ExtentConfig, RegroupingConfig
 from gtlayout.drawings import draw_on, shown_there
 from gtlayout.evidence import prefer_visible
-from gtlayout.extent import median_depth
+from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, Plane
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
 from gtlayout.tracking import Tracks

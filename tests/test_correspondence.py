@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.config import CorrespondenceConfig, TriangulationConfig
 from gtlayout.correspondence import correspond
-from gtlayout.hosts import find_hosts
+from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
 from gtlayout.tracking import Tracks

@@ -20,7 +20,7 @@ from gtlayout.edges import contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import Evaluation, evaluate
 from gtlayout.extent import compute_extents
-from gtlayout.hosts import find_hosts
+from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.io import load_scene
 from gtlayout.io.truth import read_truth

@@ -17,11 +17,11 @@ from box_room import SURFACES, made
 from gtlayout.errors import GtlayoutError
 from gtlayout.export import EXPORTERS, Exporter, Format, export_layout
 from gtlayout.export.glb import y_up
+from gtlayout.geometry.render import render
 from gtlayout.instances import Extent
 from gtlayout.io.room_structure import DOOR_FLAG, WINDOW_FLAG, read_room_structure
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
-from gtlayout.render import render
 from gtlayout.scene import Scene
 
 VALIDATOR = Path(__file__).parent / "tools/node"

@@ -12,9 +12,10 @@ from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.config import EdgeConfig, ExtentConfig
 from gtlayout.edges import ContactEdge, contact_edges
-from gtlayout.extent import clip_to_plane, compute_extents, median_depth, unproject
+from gtlayout.extent import compute_extents
+from gtlayout.geometry.plane_image import clip_to_plane, median_depth, unproject
+from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Plane
-from gtlayout.polygons import polygons
 from gtlayout.scene import FloatArray, Scene
 
 MIDDLE = (rooms.WIDTH_M / 2, 1.0, rooms.HEIGHT_M / 2)

@@ -11,9 +11,9 @@ import rooms
 from shapely import box
 
 from gtlayout.config import QualityConfig
+from gtlayout.geometry.polygons import polygons
 from gtlayout.headline import Headline
 from gtlayout.instances import Extent, Plane
-from gtlayout.polygons import polygons
 from gtlayout.quality import Quality, assess
 from gtlayout.scene import Scene
 

@@ -16,6 +16,7 @@ from scene_checks import assert_one_camera_skipped
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.io import load_scene
 from gtlayout.io.cad_estate import read_frames
 from gtlayout.io.cad_estate_export import write_cad_estate
@@ -25,7 +26,6 @@ from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
-from gtlayout.raster import fill, rings_of
 from gtlayout.scene import BoolArray, Element, FloatArray, Scene
 
 Edit = Callable[[Path, Callable[[Any], object]], None]

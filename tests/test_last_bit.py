@@ -18,11 +18,11 @@ from gtlayout.correspondence import _join_across_gaps
 from gtlayout.edges import contact_edges
 from gtlayout.export.floor_plan import floor_plan
 from gtlayout.extent import compute_extents
-from gtlayout.hosts import find_hosts
+from gtlayout.geometry.hosts import find_hosts
+from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Mesh, Plane, PlaneFrame
 from gtlayout.io.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.mesh import build_mesh
-from gtlayout.polygons import polygons
 from gtlayout.scene import FloatArray, Label, Scene
 from gtlayout.synth import textures
 from gtlayout.synth.furniture import furnish

@@ -15,7 +15,7 @@ from gtlayout.api import load_solved
 from gtlayout.cli import main
 from gtlayout.element_scores import match_instances, plane_error
 from gtlayout.evaluation import evaluate
-from gtlayout.extent import median_depth
+from gtlayout.geometry.plane_image import median_depth
 from gtlayout.io.layout_format import layout_schema
 from gtlayout.io.truth import read_truth
 

@@ -10,9 +10,10 @@ import rooms
 import shapely
 from shapely import MultiPolygon, Polygon, box
 
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.raster import annotated_labels, fill, rings_of
+from gtlayout.geometry.render import project_rings, render
 from gtlayout.instances import Extent
-from gtlayout.raster import annotated_labels, fill, rings_of
-from gtlayout.render import inverse_depth, project_rings, render
 from gtlayout.scene import BoolArray, Camera, FloatArray
 
 

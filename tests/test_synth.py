@@ -13,9 +13,9 @@ import pytest
 from shapely import Point, Polygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.io import load_scene
 from gtlayout.io.truth import read_truth
-from gtlayout.raster import fill, rings_of
 from gtlayout.scene import Camera, FloatArray
 from gtlayout.synth import SynthConfig, shoot, synthesize
 from gtlayout.synth.render import cast, project_polygon, shade

@@ -11,7 +11,7 @@ import shapely
 from shapely import MultiLineString, MultiPoint, Polygon
 from synth_views import HEIGHT, WIDTH, camera_at, drawn, every_kind, the_room, views
 
-from gtlayout.raster import fill, rings_of
+from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.scene import OPENINGS, Camera, FloatArray, IntArray
 from gtlayout.synth.annotate import annotate, draw, occlusion_edges
 from gtlayout.synth.extents import seen_extents

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.raster import rings_of
+from gtlayout.geometry.raster import rings_of
 from gtlayout.scene import OPENINGS, Camera, Element, FloatArray, KeyFrame, Label
 from gtlayout.synth import SynthConfig, shoot
 from gtlayout.synth.annotate import annotate

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from clip_forms import forms, sources_by_id, write_video
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.instances import Mesh, Plane
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
@@ -21,7 +22,6 @@ from gtlayout.io.images import read_rgb
 from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
 from gtlayout.quality import InstanceQuality, Verdict
-from gtlayout.render import inverse_depth
 from gtlayout.scene import Camera, FloatArray, Scene
 from measure_variant import measured_apart
 from metrics import Metric

@@ -16,9 +16,9 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.floor_level import MIN_SINE, Level, floor_frame
+from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import PlaneFrame
 from gtlayout.layout import Layout
-from gtlayout.polygons import polygons
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
 UPRIGHT_SINE = float(np.sin(np.deg2rad(60.0)))

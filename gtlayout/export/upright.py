@@ -9,9 +9,9 @@ from shapely import MultiPolygon
 
 from gtlayout.export.floor_level import up_of_walls
 from gtlayout.export.glb import y_up
+from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, PlaneFrame
 from gtlayout.layout import Layout
-from gtlayout.polygons import polygons
 from gtlayout.scene import FloatArray, Scene
 
 _Z_UP_FROM_Y_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.hosts import find_hosts
+from gtlayout.geometry.hosts import find_hosts
+from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.instances import Instance, Mesh
 from gtlayout.io import SCENE_FILE
 from gtlayout.io.cad_estate import CLIP_NAME, FRAMES_FILE, MASKS_FOLDER
@@ -20,7 +21,6 @@ from gtlayout.io.files import write_atomic, write_json_atomic
 from gtlayout.io.images import encoded
 from gtlayout.io.room_structure import DOOR_FLAG, FILE_NAME, WINDOW_FLAG, RoomStructure, write_room_structure
 from gtlayout.layout import Layout
-from gtlayout.raster import fill, rings_of
 from gtlayout.scene import OPENINGS, Frame, ImageArray, IntArray, Label, Scene
 
 FRAME_US = 33_333

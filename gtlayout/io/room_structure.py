@@ -14,10 +14,10 @@ import numpy as np
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import LabelImage
+from gtlayout.geometry.render import render
 from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.io.files import write_atomic
-from gtlayout.raster import LabelImage
-from gtlayout.render import render
 from gtlayout.scene import Camera, FloatArray, IntArray, Label
 
 FILE_NAME = "room_structure.npz"

@@ -14,7 +14,7 @@ from gtlayout.export import unit
 from gtlayout.export.floor_plan import floor_plan
 from gtlayout.export.plan_drawing import draw
 from gtlayout.export.svg import svg_text
-from gtlayout.extent import median_depth
+from gtlayout.geometry.plane_image import median_depth
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
 from gtlayout.report.frames import key_frame_data

@@ -16,11 +16,11 @@ from shapely import MultiPolygon
 
 from gtlayout.colors import instance_colors
 from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import LabelImage, annotated_labels, rings_of
+from gtlayout.geometry.render import render
 from gtlayout.io.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
-from gtlayout.raster import LabelImage, annotated_labels, rings_of
-from gtlayout.render import render
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.scene import OPENINGS, ImageArray, Scene
 

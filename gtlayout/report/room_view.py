@@ -9,8 +9,8 @@ import numpy as np
 import trimesh
 
 from gtlayout.colors import instance_colors, sigma_colors
+from gtlayout.geometry.raster import rings_of
 from gtlayout.layout import Layout
-from gtlayout.raster import rings_of
 from gtlayout.scene import FloatArray, Scene
 
 SIGMA_STEP_SHARE = 0.06

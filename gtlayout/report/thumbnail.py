@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 from gtlayout.colors import instance_colors
+from gtlayout.geometry.raster import rings_of
+from gtlayout.geometry.render import render
 from gtlayout.io.images import encoded
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
-from gtlayout.raster import rings_of
-from gtlayout.render import render
 from gtlayout.report.frames import JPEG_QUALITY, painted, photo
 from gtlayout.scene import OPENINGS, Scene
 

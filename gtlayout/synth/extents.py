@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.polygons import polygons
-from gtlayout.raster import rings_of
+from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.raster import rings_of
 from gtlayout.scene import Camera, FloatArray, KeyFrame
 from gtlayout.synth.render import uv1_over_z
 from gtlayout.synth.room import Room

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.polygons import polygons
+from gtlayout.geometry.polygons import polygons
 from gtlayout.scene import FloatArray
 from gtlayout.synth import textures
 from gtlayout.synth.plans import Plan

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from gtlayout.polygons import polygons
+from gtlayout.geometry.polygons import polygons
 from gtlayout.scene import OPENINGS
 from gtlayout.synth import textures
 from gtlayout.synth.plans import Panel, Plan

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from gtlayout.raster import fill
+from gtlayout.geometry.raster import fill
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray
 from gtlayout.synth.surfaces import MIP_LEVELS, Surface
 from gtlayout.synth.textures import TEXEL_M, Texture

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.raster import LabelImage, fill, rings_of
 from gtlayout.instances import Extent, Instance, Plane
-from gtlayout.raster import LabelImage, fill, rings_of
 from gtlayout.scene import Camera, FloatArray
 
 DepthImage = npt.NDArray[np.float32]
@@ -61,17 +62,6 @@ def render(
         depth[window][mask] = plane_depth[mask]
     depth[labels < 0] = np.nan
     return labels, depth
-
-
-def inverse_depth(plane: Plane, camera: Camera) -> FloatArray:
-    """(3,) coefficients (a, b, c) of the plane's inverse depth in the image: 1/z = a x + b y + c at pixel (x, y).
-
-    It is zero on the horizon and negative where the pixel's ray misses the plane. Infinite when the camera lies on it.
-    """
-    normal_cam = camera.R_cam_from_world @ plane.normal
-    distance = float(plane.normal @ camera.center_world) + plane.d
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(-np.linalg.solve(camera.K.T, normal_cam) / distance, dtype=np.float64)
 
 
 def _cut_near(points_cam: FloatArray, near: float) -> FloatArray:

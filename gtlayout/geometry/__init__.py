@@ -1,0 +1,1 @@
+"""Polygons, pixels, planes seen by cameras: what every stage after tracking measures with."""
