@@ -32,8 +32,9 @@ from gtlayout.layout import Layout
 from gtlayout.method import restart_tracks
 from gtlayout.quality import assess
 from gtlayout.scene import FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks, track
-from gtlayout.triangulation import Rays, triangulate
+from gtlayout.tracking.track import track
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays, triangulate
 from metrics import Metric, write_tables
 from plots import per_scene, sigma_against_error
 from runner import SceneRows, errors_of, find_scenes, run_scenes

@@ -38,7 +38,7 @@ from gtlayout.edges import ContactEdge
 from gtlayout.evidence import prefer_visible
 from gtlayout.instances import Instance
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
+from gtlayout.tracking.tracks import Tracks
 
 BETA_MEAN, BETA_SQUARE, EPSILON = 0.9, 0.999, 1e-8
 """Adam's usual constants."""

@@ -10,13 +10,14 @@ import shapely
 from shapely import MultiPolygon
 
 import consistency
-from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.estimation import Estimate, estimate
 from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import true_edges
 from simulated_room import Room, unproject
 

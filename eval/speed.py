@@ -21,14 +21,16 @@ import adam
 import simulation
 from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_series
 from command_line import GTLAYOUT, exit_status, new_app
-from gtlayout.config import Config, TriangulationConfig
+from gtlayout.config import Config
 from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import optimise
-from gtlayout.evidence import Normalisation, gather
+from gtlayout.evidence import gather
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.triangulation import triangulate
 from metrics import Metric, write_tables
 from runner import scenes_by_folder
 from simulated_edges import true_edges

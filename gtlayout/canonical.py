@@ -19,8 +19,8 @@ from gtlayout.estimation import Estimate, Iteration
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Instance
 from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import camera_path
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import camera_path
 
 _SAME = 1e-9
 """Two cameras are the same up to this: radians, and shares of the camera's path."""

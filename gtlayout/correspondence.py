@@ -20,8 +20,8 @@ from gtlayout.geometry.hosts import find_hosts
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance
 from gtlayout.scene import OPENINGS, FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays
 
 _VOTE_DECIMALS = 9
 """Votes are counts and shares of counts: what adding them up in another order changes is cut off, so that as many votes

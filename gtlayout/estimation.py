@@ -14,19 +14,17 @@ from gtlayout.config import EstimationConfig
 from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.evidence import Evidence, Normalisation, Views, gather
+from gtlayout.evidence import Evidence, Views, gather
 from gtlayout.graph import Solution, solve, track_weights
 from gtlayout.initialization import face_cameras
 from gtlayout.instances import Instance, Plane, Support
 from gtlayout.objective import cost_of
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 from gtlayout.support import supports
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays, camera_path
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays, camera_path
 from gtlayout.uncertainty import Uncertainty, error_scales, plane_uncertainty
-
-MOVED_SIGMAS = 3.0
-"""A track shows parallax when a point at infinity explains it worse by so many σ."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +78,7 @@ def estimate(
         raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
     if len(tracks) == 0:
         raise GtlayoutError(f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}")
-    if np.mean(rays.parallax_sigmas > MOVED_SIGMAS) < config.min_moved_share:
+    if rays.moved_share() < config.min_moved_share:
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     local = Normalisation.of(rays)
     evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)

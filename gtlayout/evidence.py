@@ -11,11 +11,11 @@ import numpy as np
 from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.geometry.raster import spread_points
-from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Instance
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays
 
 _VIEW_POINTS = 12
 """Pixels sampled on each drawing of a surface."""
@@ -24,24 +24,6 @@ _MIN_DIHEDRAL = 0.2
 """Planes at less than this angle (radians) make no edge that an annotator would draw."""
 FARTHEST_PX = 100.0
 """Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
-TYPICAL_DEPTH = 2.5
-"""Median depth to which every scene is scaled, so that the noise model's metres mean the same with and without a
-unit."""
-
-
-class Normalisation(Similarity):
-    """Keeps a plane's n and d uncoupled, and gives every scene a room's size; its axes stay."""
-
-    @classmethod
-    def of(cls, rays: Rays) -> Normalisation:
-        """Origin amid the points, and their median depth as unit."""
-        origin = np.median(rays.points_world(), axis=0)
-        return cls(np.eye(3), origin, TYPICAL_DEPTH * float(np.median(rays.rho)))
-
-    def rays(self, rays: Rays) -> Rays:
-        """The same rays in the local world."""
-        center = self.scale * (rays.center - self.origin)
-        return replace(rays, center=center, rho=rays.rho / self.scale, sigma_rho=rays.sigma_rho / self.scale)
 
 
 @dataclass(frozen=True)

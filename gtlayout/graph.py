@@ -14,7 +14,7 @@ from gtlayout.evidence import Evidence
 from gtlayout.factors import track_factor
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
 from gtlayout.structure import plane_priors, structure_factors
-from gtlayout.tracking import Tracks
+from gtlayout.tracking.tracks import Tracks, spread_observations
 
 _BATCH = 32
 """Landmarks per track factor: GTSAM copies all values for every Python factor it calls, and a big batch is a dense
@@ -100,17 +100,6 @@ def _spread(residual: FloatArray, config: EstimationConfig) -> float:
     if len(residual) < config.full_tracks:
         return 1.0
     return float(np.clip(1.4826 * np.median(np.abs(residual)), config.least_spread, 1.0))
-
-
-def spread_observations(tracks: Tracks, most: int) -> BoolArray:
-    """(M,) up to ``most`` observations of each track, evenly spread over it, its ends among them."""
-    length = np.bincount(tracks.track, minlength=len(tracks))
-    first = np.cumsum(length) - length
-    position = np.arange(len(tracks.track)) - first[tracks.track]
-    slots = (np.minimum(length, most) - 1)[tracks.track]
-    last = np.maximum(length - 1, 1)[tracks.track]
-    chosen: BoolArray = (position * slots) // last > ((position - 1) * slots) // last
-    return chosen | (position == 0)
 
 
 def _track_factors(

@@ -15,7 +15,6 @@ import numpy as np
 import trimesh
 from threadpoolctl import threadpool_limits
 
-from gtlayout.camera_refinement import CameraReport, refine_cameras
 from gtlayout.canonical import canonical
 from gtlayout.config import Config
 from gtlayout.correspondence import correspond
@@ -33,8 +32,10 @@ from gtlayout.observer import Observer
 from gtlayout.quality import Quality, assess
 from gtlayout.regroup import regroup
 from gtlayout.scene import Camera, IntArray, Scene
-from gtlayout.tracking import Tracks, track
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras
+from gtlayout.tracking.track import track
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,9 @@ def _solve(given: Scene, config: Config, observer: Observer, restarts: range) ->
     cameras = None
     if config.refine_cameras:
         with stage("cameras"):
-            scene, cameras = refine_cameras(scene, tracks, rays, config)
+            scene, cameras = refine_cameras(
+                scene, tracks, rays, config.camera_refinement, config.triangulation, config.seed
+            )
         cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
         if cameras.refined:
             rays = triangulate(scene, tracks, config.triangulation)

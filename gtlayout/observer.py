@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gtlayout.layout import Layout
     from gtlayout.quality import Quality
     from gtlayout.scene import IntArray, Scene
-    from gtlayout.tracking import Tracks
+    from gtlayout.tracking.tracks import Tracks
 
 
 class Observer:

@@ -17,8 +17,8 @@ from gtlayout.correspondence import form_instances
 from gtlayout.estimation import Estimate
 from gtlayout.instances import Instance
 from gtlayout.scene import IntArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays
 from gtlayout.two_planes import Members, find_splits
 
 

@@ -9,7 +9,6 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from gtlayout.camera_refinement import CameraReport
 from gtlayout.evaluation import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
 from gtlayout.headline import Headline, drawing
@@ -17,6 +16,7 @@ from gtlayout.instances import Dimension
 from gtlayout.layout import Layout
 from gtlayout.quality import Quality
 from gtlayout.scene import Scene
+from gtlayout.tracking.bundle_adjustment import CameraReport
 
 _COLUMNS = ("instance", "label", "area", "frames", "tracks", "σ normal", "σ depth", "IoU", "verdict")
 _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}

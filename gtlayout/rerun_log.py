@@ -27,7 +27,7 @@ from gtlayout.report_table import markdown
 from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.support import OUTVOTED
-from gtlayout.tracking import Tracks
+from gtlayout.tracking.tracks import Tracks
 
 APPLICATION = "gtlayout"
 JPEG_QUALITY = 75

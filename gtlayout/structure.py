@@ -7,9 +7,10 @@ import numpy as np
 from gtsam.symbol_shorthand import P
 
 from gtlayout.config import EstimationConfig
-from gtlayout.evidence import TYPICAL_DEPTH, Evidence
+from gtlayout.evidence import Evidence
 from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor
 from gtlayout.scene import FloatArray, IntArray
+from gtlayout.tracking.normalisation import TYPICAL_DEPTH
 
 
 def structure_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> gtsam.NonlinearFactorGraph:

@@ -10,8 +10,8 @@ from gtlayout.evidence import EdgeGroup, Evidence, followed
 from gtlayout.graph import Solution
 from gtlayout.instances import HeldBy, Instance, Support
 from gtlayout.scene import BoolArray, FloatArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays, parallax_deg
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays, parallax_deg
 
 OUTVOTED = 0.1
 """Tracks of less robust weight are given up: with Cauchy's kernel those off by more than three times its scale."""

@@ -14,8 +14,8 @@ from gtlayout.evidence import prefer_visible
 from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, Plane
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays
 
 _MOST_TRACKS = 100
 """Tracks of a drawing that are looked at, evenly spread over them."""

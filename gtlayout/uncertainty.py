@@ -24,7 +24,7 @@ from gtlayout.factors import biased_depth_factor
 from gtlayout.instances import HeldBy
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.structure import edge_factors, joint_factors, plane_priors
-from gtlayout.tracking import Tracks
+from gtlayout.tracking.tracks import Tracks
 
 TRACK, SURFACE, EDGE, JOINT, PRIOR = range(5)
 """Families of errors: the first three have a scale that is estimated, the others σ as configured; priors are not

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gtlayout.camera_refinement import CameraReport, refine_cameras
 from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
@@ -20,8 +19,9 @@ from gtlayout.io.refined_cameras import FILE, refined_cameras_text, with_refined
 from gtlayout.report_table import camera_line
 from gtlayout.scene import Camera, Scene
 from gtlayout.synth.errors import CameraErrors, disturb_cameras
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 from simulated_room import Room, make_room, orbit
 from simulation import make_tracks
 
@@ -54,7 +54,8 @@ def jittered(scene: Scene, rotation_deg: float, position: float) -> Scene:
 
 
 def refined(scene: Scene, tracks: Tracks) -> tuple[Scene, CameraReport]:
-    return refine_cameras(scene, tracks, triangulate(scene, tracks, CONFIG.triangulation), CONFIG)
+    rays = triangulate(scene, tracks, CONFIG.triangulation)
+    return refine_cameras(scene, tracks, rays, CONFIG.camera_refinement, CONFIG.triangulation, CONFIG.seed)
 
 
 def errors(scene: Scene, truth: Scene) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from gtlayout.edges import ContactEdge
 from gtlayout.estimation import Estimate
 from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray
-from gtlayout.tracking import Tracks
+from gtlayout.tracking.tracks import Tracks
 from simulated_edges import jitter, spoil, true_edges
 from simulated_room import Room, dolly, make_room, orbit
 from simulation import depth_errors, errors, make_tracks, solve

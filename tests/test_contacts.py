@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.config import EstimationConfig
 from gtlayout.contacts import _disagreeing, start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.evidence import Evidence, gather
 from gtlayout.scene import FloatArray
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import edges_along, jitter, shifted, true_edges
 from simulated_room import Face, Room, box_faces, make_room, orbit
 from simulation import make_tracks, true_instance

@@ -12,13 +12,14 @@ import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.config import CorrespondenceConfig, TriangulationConfig
+from gtlayout.config import CorrespondenceConfig
 from gtlayout.correspondence import correspond
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
 from simulation import chosen, make_tracks, no_tracks, true_instance
 

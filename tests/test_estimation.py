@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from shapely import MultiPolygon
 
-from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.config import EstimationConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.estimation import Estimate, estimate
 from gtlayout.instances import Instance
 from gtlayout.scene import Element, KeyFrame
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import jitter, true_edges
 from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
 from simulation import chosen, errors, make_tracks, nees, no_tracks, solve, true_instance

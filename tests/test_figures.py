@@ -14,7 +14,6 @@ import pytest
 import rooms
 from rich.console import Console
 
-from gtlayout.camera_refinement import CameraReport
 from gtlayout.config import Config
 from gtlayout.element_scores import PlaneError
 from gtlayout.evaluation import DepthError, Evaluation, evaluate
@@ -37,6 +36,7 @@ from gtlayout.report_table import (
     reasons,
 )
 from gtlayout.scene import Scene
+from gtlayout.tracking.bundle_adjustment import CameraReport
 
 NOT_SAID = re.compile(r"\b(nan|inf|infinity)\b", re.IGNORECASE)
 

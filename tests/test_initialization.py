@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import Evidence, Normalisation, Views, gather
+from gtlayout.evidence import Evidence, Views, gather
 from gtlayout.initialization import face_cameras, initial_planes
 from gtlayout.scene import FloatArray
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import true_edges
 from simulated_room import Room, box_faces, make_room, orbit
 from simulation import chosen, make_tracks, true_instance

@@ -15,7 +15,7 @@ import pytest
 from conftest import SHARED_DATA
 from videos import number_in, pictures, write_video
 
-from gtlayout.config import Config, TrackingConfig
+from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.exports import write_jpeg
@@ -25,7 +25,8 @@ from gtlayout.io.scene_writers import write_scene
 from gtlayout.io.video import Video
 from gtlayout.method import solve
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
-from gtlayout.tracking import track
+from gtlayout.tracking.config import TrackingConfig
+from gtlayout.tracking.track import track
 
 URL = "https://www.youtube.com/watch?v=0"
 SIZE = (160, 96)
@@ -277,5 +278,7 @@ def test_tracking_decodes_a_video_once_and_forward(clip_with_video: Path, monkey
     monkeypatch.undo()
     # Images in any order lead to the same tracks: only the reading differs.
     cached = replace(scene, frames=tuple(replace(one, video=None) for one in scene.frames))
-    monkeypatch.setattr("gtlayout.image_cache.read_gray", lambda one: read_gray(scene.frames[cached.frames.index(one)]))
+    monkeypatch.setattr(
+        "gtlayout.tracking.image_cache.read_gray", lambda one: read_gray(scene.frames[cached.frames.index(one)])
+    )
     assert np.array_equal(track(cached, config, seed=0).points_px, tracks.points_px)

@@ -12,15 +12,18 @@ from gtsam.symbol_shorthand import L, P
 
 import gtlayout.estimation
 import gtlayout.graph
-from gtlayout.config import EstimationConfig, TriangulationConfig
+from gtlayout.config import EstimationConfig
 from gtlayout.estimation import led_astray
-from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.evidence import Evidence, gather
 from gtlayout.graph import solve as solve_graph
 from gtlayout.objective import cauchy_loss, cost_of
 from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.structure import edge_factors
-from gtlayout.tracking import Tracks, infinite_homography
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.follow import infinite_homography
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import true_edges
 from simulated_room import Room, make_room, orbit
 from simulation import errors, make_tracks, solve, true_instance

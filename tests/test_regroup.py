@@ -13,14 +13,15 @@ from shapely import MultiPolygon
 
 from gtlayout import estimation, method
 from gtlayout.canonical import canonical
-from gtlayout.config import Config, TriangulationConfig
+from gtlayout.config import Config
 from gtlayout.coplanar import find_joins, plane_difference
 from gtlayout.correspondence import form_instances
 from gtlayout.estimation import Estimate
 from gtlayout.instances import Instance, Plane, Support
 from gtlayout.scene import FloatArray, IntArray, Label, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays, triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays, triangulate
 from gtlayout.two_planes import Cluster, cluster_of, find_splits, two_planes
 from simulated_room import Room, make_room, orbit
 from simulation import chosen, make_tracks

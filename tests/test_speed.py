@@ -17,9 +17,10 @@ import adam
 import speed
 from gtlayout import graph
 from gtlayout.config import Config
-from gtlayout.evidence import Normalisation, gather
+from gtlayout.evidence import gather
 from gtlayout.starts import best_start
 from gtlayout.synth import SynthConfig, synthesize
+from gtlayout.tracking.normalisation import Normalisation
 from metrics import Metric, read_rows
 
 SMALL = speed.Size(tracks=60, frames=60, key_frames=4)

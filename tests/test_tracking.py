@@ -14,11 +14,14 @@ from scipy.stats import qmc
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
-from gtlayout.klt import PairTracker
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, Frame, ImageArray, KeyFrame, Scene
-from gtlayout.tracking import Tracks, infinite_homography, sample_points, texture_sigma_px, track
+from gtlayout.tracking.config import TrackingConfig
+from gtlayout.tracking.follow import infinite_homography
+from gtlayout.tracking.klt import PairTracker
+from gtlayout.tracking.sampling import sample_points, texture_sigma_px
+from gtlayout.tracking.track import track
+from gtlayout.tracking.tracks import Tracks
 from simulated_room import as_multi
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 260.0

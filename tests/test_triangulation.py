@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtlayout.config import TriangulationConfig
 from gtlayout.scene import Camera, FloatArray, Scene
-from gtlayout.tracking import Tracks, infinite_homography
-from gtlayout.triangulation import camera_path, parallax_deg, triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.follow import infinite_homography
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import camera_path, parallax_deg, triangulate
 from simulated_room import look_at, make_room, orbit
 from simulation import make_tracks, no_tracks
 

@@ -15,14 +15,16 @@ import pytest
 
 from consistency import coverage, nees
 from gtlayout import uncertainty
-from gtlayout.config import EstimationConfig, TriangulationConfig, UncertaintyConfig
+from gtlayout.config import EstimationConfig, UncertaintyConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import Evidence, Normalisation, gather
+from gtlayout.evidence import Evidence, gather
 from gtlayout.instances import HeldBy
 from gtlayout.scene import FloatArray
 from gtlayout.starts import polish
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import triangulate
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import triangulate
 from gtlayout.uncertainty import error_scales, plane_uncertainty
 from simulated_edges import jitter, true_edges
 from simulated_room import Room, box_faces, make_room, orbit

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from gtlayout.config import TrackingConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.images import read_gray
-from gtlayout.klt import KltTracker
 from gtlayout.scene import FloatArray, ImageArray, Scene
+from gtlayout.tracking.config import TrackingConfig
+from gtlayout.tracking.klt import KltTracker
 
 MAX_STARTS = 12
 """Frames spread over the video, and as many key frames, from which points are followed."""

@@ -8,8 +8,9 @@ import numpy as np
 
 from gtlayout.check.images import Matches
 from gtlayout.check.two_views import middle_inverse_depth
-from gtlayout.config import QualityConfig, TrackingConfig
+from gtlayout.config import QualityConfig
 from gtlayout.scene import Camera, FloatArray, Scene
+from gtlayout.tracking.config import TrackingConfig
 
 MIN_OVERLAP = 0.5
 """Two neighbouring frames must show so much of the same."""

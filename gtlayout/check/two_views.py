@@ -6,7 +6,7 @@ import numpy as np
 
 from gtlayout.check.images import Matches
 from gtlayout.scene import Camera, FloatArray, Scene
-from gtlayout.triangulation import camera_path
+from gtlayout.tracking.triangulation import camera_path
 
 MAX_ERROR_SHARE = 0.01
 """A match fits two cameras within so much of the focal length: 0.6°, several times what poor poses err by."""

@@ -14,14 +14,12 @@ import numpy as np
 from gtsam.symbol_shorthand import L, X
 from scipy.spatial.transform import Rotation
 
-from gtlayout.config import CameraRefinementConfig, Config
-from gtlayout.estimation import MOVED_SIGMAS
-from gtlayout.evidence import Normalisation
 from gtlayout.figures import figure
-from gtlayout.graph import spread_observations
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
-from gtlayout.triangulation import Rays, camera_path, reprojection_px, triangulate
+from gtlayout.tracking.config import CameraRefinementConfig, TriangulationConfig
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks, spread_observations
+from gtlayout.tracking.triangulation import Rays, camera_path, reprojection_px, triangulate
 
 
 @dataclass(frozen=True)
@@ -45,34 +43,40 @@ class CameraReport:
         return not self.kept_because
 
 
-def refine_cameras(scene: Scene, tracks: Tracks, rays: Rays, config: Config) -> tuple[Scene, CameraReport]:
+def refine_cameras(
+    scene: Scene,
+    tracks: Tracks,
+    rays: Rays,
+    config: CameraRefinementConfig,
+    triangulation: TriangulationConfig,
+    seed: int,
+) -> tuple[Scene, CameraReport]:
     """The scene with refined camera poses, or as it was when they do not prove themselves.
 
     The cameras are refined on a part of the tracks first. Only if the others, triangulated anew, then reproject clearly
     better than with the given cameras is the refinement done again with all tracks and kept; in the same way they say
     whether the given poses deserve less trust. Frames without a track keep their pose. ``rays`` are of the given
-    cameras; triangulate again afterwards. Deterministic in ``config.seed``.
+    cameras; triangulate again afterwards. Deterministic in ``seed``.
     """
-    own = config.camera_refinement
-    if camera_path(scene) == 0.0 or np.mean(rays.parallax_sigmas > MOVED_SIGMAS) < config.estimation.min_moved_share:
+    if camera_path(scene) == 0.0 or rays.moved_share() < config.min_moved_share:
         return scene, CameraReport("the camera hardly moves")
-    order = np.random.default_rng(config.seed).permutation(len(tracks))[: own.max_tracks]
-    held_out, fitted = np.split(order, [round(own.held_out_share * len(order))])
-    if len(held_out) < own.min_held_out:
+    order = np.random.default_rng(seed).permutation(len(tracks))[: config.max_tracks]
+    held_out, fitted = np.split(order, [round(config.held_out_share * len(order))])
+    if len(held_out) < config.min_held_out:
         return scene, CameraReport(f"only {len(order)} points could be tracked")
     given_cost, given_px = _misfit(scene, tracks, rays, held_out)
     best_cost, best_px, freedom = given_cost, given_px, 0.0
-    min_gain = own.min_gain
-    for tried in (1.0, *own.looser):
-        trial = _adjusted(scene, tracks, rays, fitted, tried, own)
-        cost, px = _misfit(trial, tracks, triangulate(trial, tracks, config.triangulation), held_out)
+    min_gain = config.min_gain
+    for tried in (1.0, *config.looser):
+        trial = _adjusted(scene, tracks, rays, fitted, tried, config)
+        cost, px = _misfit(trial, tracks, triangulate(trial, tracks, triangulation), held_out)
         if cost > (1 - min_gain) * best_cost:
             break
-        best_cost, best_px, freedom, min_gain = cost, px, tried, own.min_gain_looser
+        best_cost, best_px, freedom, min_gain = cost, px, tried, config.min_gain_looser
     if freedom == 0.0:
         reason = f"points it did not see lie {figure(given_px, 2, ' px')} off before and {figure(px, 2, ' px')} after"
         return scene, CameraReport(reason, given_px=given_px, refined_px=px)
-    refined = _adjusted(scene, tracks, rays, order, freedom, own)
+    refined = _adjusted(scene, tracks, rays, order, freedom, config)
     turns_deg, shifts = _moved(scene, refined, np.unique(tracks.frame[np.isin(tracks.track, order)]))
     return refined, CameraReport("", float(np.median(turns_deg)), float(np.median(shifts)), given_px, best_px)
 

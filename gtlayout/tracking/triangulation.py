@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtlayout.config import TriangulationConfig
 from gtlayout.scene import FloatArray, IntArray, Scene
-from gtlayout.tracking import Tracks
+from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.tracks import Tracks
 
 _GRID = 50
 """Inverse depths tried on every track: each 1.3 times the one before, by default."""
+_MOVED_SIGMAS = 3.0
+"""A track shows parallax when a point at infinity explains it worse by so many σ."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,10 @@ class Rays:
     def points_world(self) -> FloatArray:
         """(N, 3) the triangulated points."""
         return self.center + self.ray / self.rho[:, None]
+
+    def moved_share(self) -> float:
+        """Share of the tracks that show parallax; NaN without tracks."""
+        return float(np.mean(self.parallax_sigmas > _MOVED_SIGMAS)) if len(self.rho) else np.nan
 
 
 def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Rays:

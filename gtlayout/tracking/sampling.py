@@ -1,0 +1,65 @@
+"""Points worth following, spread over the visible parts of elements (paper 3.2)."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
+from shapely import MultiPolygon
+
+from gtlayout.geometry.raster import fill, rings_of
+from gtlayout.scene import Element, FloatArray, ImageArray
+from gtlayout.tracking.config import TrackingConfig
+
+
+def sample_points(image: ImageArray, element: Element, config: TrackingConfig, sampler: qmc.Sobol) -> FloatArray:
+    """(N, 2) corners spread over the element's visible parts by a Sobol sequence (paper 3.2).
+
+    A cell round each of area / spacing² Sobol points gives its best corners. An element without visible parts is
+    sampled on its eroded amodal polygon.
+    """
+    height, width = image.shape
+    region = element.visible.buffer(-config.border_px)
+    if region.is_empty:
+        region = element.amodal.buffer(-config.spacing_px / 2)
+    if region.is_empty:
+        return np.empty((0, 2))
+    mask = fill(rings_of(MultiPolygon([region]) if region.geom_type == "Polygon" else region), height, width)
+    corners = cv2.goodFeaturesToTrack(
+        image,
+        maxCorners=0,
+        qualityLevel=config.corner_quality,
+        minDistance=config.corner_distance_px,
+        mask=mask.astype(np.uint8),
+        blockSize=config.corner_block_px,
+    )
+    if corners is None:
+        return np.empty((0, 2))
+    corners_px = corners.reshape(-1, 2).astype(np.float64) + 0.5
+    wanted = min(max(1, round(region.area / config.spacing_px**2)), config.max_cells)
+    left, top, right, bottom = region.bounds
+    sampler.reset()
+    # Sobol points fill the bounding box; those inside the region are its even cover.
+    total = min(max(1, round(wanted * (right - left) * (bottom - top) / region.area)), 1 << 16)
+    unit = sampler.random(1 << (total - 1).bit_length())[:total]
+    seeds = np.array([left, top]) + unit * np.array([right - left, bottom - top])
+    inside = mask[np.clip(seeds[:, 1].astype(int), 0, height - 1), np.clip(seeds[:, 0].astype(int), 0, width - 1)]
+    seeds = seeds[inside] if inside.any() else corners_px[:1]
+    # goodFeaturesToTrack returns corners best first: a stable ranking inside each seed's cell.
+    cell = np.asarray(cKDTree(seeds).query(corners_px)[1])
+    order = np.argsort(cell, kind="stable")
+    sizes = np.bincount(cell, minlength=len(seeds))
+    rank = np.arange(len(cell)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    chosen: FloatArray = corners_px[np.sort(order[rank < config.corners_per_cell])]
+    return chosen
+
+
+def texture_sigma_px(image: ImageArray, points_px: FloatArray, config: TrackingConfig) -> FloatArray:
+    """(N,) σ of a match at each point: what calibration leaves, and image noise over the weaker gradient of the
+    patch.
+    """
+    strength = cv2.cornerMinEigenVal(image, config.corner_block_px)
+    column, row = np.floor(points_px).astype(int).T
+    weaker_gradient = np.maximum(strength[row, column].astype(np.float64), 1e-12)
+    return np.sqrt(config.sigma_px**2 + config.weak_texture / weaker_gradient)

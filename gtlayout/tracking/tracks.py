@@ -1,0 +1,45 @@
+"""Point tracks: what stage 1 hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.scene import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """N point tracks with M observations in all; flat arrays, observations sorted by (track, frame)."""
+
+    key_frame: IntArray
+    """(N,) the key frame each point was sampled in."""
+    element: IntArray
+    """(N,) the element (index in that key frame) it was sampled on."""
+    track: IntArray
+    """(M,) which track an observation belongs to."""
+    frame: IntArray
+    """(M,) index into ``Scene.frames``."""
+    points_px: FloatArray
+    """(M, 2) position."""
+    sigma_px: FloatArray
+    """(N,) noise to expect of a point's positions: weak texture is matched less well."""
+    tried: tuple[IntArray, ...]
+    """Per key frame, (elements,) how many points were sampled on each element; few that survive mean a poor surface."""
+    unreadable: tuple[str, ...] = ()
+    """Names of the images that could not be read and were stepped over."""
+
+    def __len__(self) -> int:
+        return len(self.key_frame)
+
+
+def spread_observations(tracks: Tracks, most: int) -> BoolArray:
+    """(M,) up to ``most`` observations of each track, evenly spread over it, its ends among them."""
+    length = np.bincount(tracks.track, minlength=len(tracks))
+    first = np.cumsum(length) - length
+    position = np.arange(len(tracks.track)) - first[tracks.track]
+    slots = (np.minimum(length, most) - 1)[tracks.track]
+    last = np.maximum(length - 1, 1)[tracks.track]
+    chosen: BoolArray = (position * slots) // last > ((position - 1) * slots) // last
+    return chosen | (position == 0)
