@@ -20,16 +20,16 @@ from cyclopts.validators import Number
 import adam
 from command_line import Jobs, exit_status, new_app
 from gtlayout.config import Config
-from gtlayout.correspondence import correspond
+from gtlayout.correspondence.matching import correspond
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
-from gtlayout.estimation import estimate
 from gtlayout.evaluation import evaluate
 from gtlayout.extent import compute_extents
 from gtlayout.instances import Instance, Mesh, Plane
 from gtlayout.io import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import restart_tracks
+from gtlayout.planes.estimation import estimate
 from gtlayout.quality import assess
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.track import track

@@ -35,8 +35,8 @@ import numpy as np
 import numpy.typing as npt
 
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import prefer_visible
 from gtlayout.instances import Instance
+from gtlayout.planes.evidence import prefer_visible
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 

@@ -10,10 +10,10 @@ import shapely
 from shapely import MultiPolygon
 
 import consistency
-from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.estimation import Estimate, estimate
 from gtlayout.instances import Plane
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.estimation import Estimate, estimate
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks

@@ -22,12 +22,12 @@ import simulation
 from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_series
 from command_line import GTLAYOUT, exit_status, new_app
 from gtlayout.config import Config
-from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.errors import GtlayoutError
-from gtlayout.estimation import optimise
-from gtlayout.evidence import gather
 from gtlayout.io import load_scene
 from gtlayout.method import Solution, solve
+from gtlayout.planes.contacts import start_without_wrong_contacts
+from gtlayout.planes.estimation import optimise
+from gtlayout.planes.evidence import gather
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.triangulation import triangulate

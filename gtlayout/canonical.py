@@ -15,9 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from gtlayout.estimation import Estimate, Iteration
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Instance
+from gtlayout.planes.estimation import Estimate, Iteration
 from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import camera_path

@@ -11,7 +11,6 @@ import shapely
 from shapely import LineString, MultiLineString
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.config import EdgeConfig
 from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
@@ -21,6 +20,24 @@ _ROUNDING_PX = 1e-6
 """Corners are drawn on whole pixels: lengths that are a whole number of steps are so but for rounding."""
 _DECIMALS = 6
 """Of a pixel."""
+
+
+@dataclass(frozen=True)
+class EdgeConfig:
+    """Stage 3. Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others."""
+
+    max_gap_px: float = 4.0
+    """Two boundaries closer than this run along each other."""
+    step_px: float = 4.0
+    """Distance of the samples on a contact edge."""
+    min_length_px: float = 20.0
+    """Shorter contacts say nothing about a line."""
+    straightness_px: float = 6.0
+    """A pair's points further than this from their common line are not contact."""
+    occlusion_px: float = 6.0
+    """Reach of an annotated occlusion edge."""
+    border_px: float = 3.0
+    """Boundaries this close to the image border are cut by the image, not by a neighbour."""
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gtlayout.edges import ContactEdge
-    from gtlayout.estimation import Estimate
     from gtlayout.instances import Extent, Instance, Mesh
     from gtlayout.layout import Layout
+    from gtlayout.planes.estimation import Estimate
     from gtlayout.quality import Quality
     from gtlayout.scene import IntArray, Scene
     from gtlayout.tracking.tracks import Tracks

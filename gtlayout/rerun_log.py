@@ -15,18 +15,18 @@ from gtlayout.blueprint import blueprint
 from gtlayout.colors import LABEL_COLORS, instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.estimation import Estimate
 from gtlayout.geometry.raster import annotated_labels, rings_of
 from gtlayout.geometry.render import render
 from gtlayout.instances import Extent, Instance, Mesh
 from gtlayout.io.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.observer import Observer
+from gtlayout.planes.estimation import Estimate
+from gtlayout.planes.support import OUTVOTED
 from gtlayout.quality import Quality
 from gtlayout.report_table import markdown
 from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
-from gtlayout.support import OUTVOTED
 from gtlayout.tracking.tracks import Tracks
 
 APPLICATION = "gtlayout"

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from gtlayout.edges import ContactEdge
-from gtlayout.estimation import Estimate
 from gtlayout.instances import Plane
+from gtlayout.planes.estimation import Estimate
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.tracks import Tracks
 from simulated_edges import jitter, spoil, true_edges

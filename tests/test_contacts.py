@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtlayout.config import EstimationConfig
-from gtlayout.contacts import _disagreeing, start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import Evidence, gather
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contacts import _disagreeing, start_without_wrong_contacts
+from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation

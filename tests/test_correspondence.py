@@ -12,8 +12,8 @@ import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.config import CorrespondenceConfig
-from gtlayout.correspondence import correspond
+from gtlayout.correspondence.config import CorrespondenceConfig
+from gtlayout.correspondence.matching import correspond
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene

@@ -12,8 +12,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.config import EdgeConfig
-from gtlayout.edges import ContactEdge, contact_edges
+from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
 from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, KeyFrame, Scene
 from simulated_edges import true_edges

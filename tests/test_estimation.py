@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from shapely import MultiPolygon
 
-from gtlayout.config import EstimationConfig
 from gtlayout.errors import GtlayoutError
-from gtlayout.estimation import Estimate, estimate
 from gtlayout.instances import Instance
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.estimation import Estimate, estimate
 from gtlayout.scene import Element, KeyFrame
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.triangulation import triangulate

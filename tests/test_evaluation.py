@@ -15,8 +15,8 @@ import pytest
 import rooms
 from rich.console import Console
 
-from gtlayout.config import EdgeConfig, ExtentConfig
-from gtlayout.edges import contact_edges
+from gtlayout.config import ExtentConfig
+from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import Evaluation, evaluate
 from gtlayout.extent import compute_extents

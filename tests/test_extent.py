@@ -10,8 +10,8 @@ import pytest
 import rooms
 from shapely import MultiPolygon, Polygon, box
 
-from gtlayout.config import EdgeConfig, ExtentConfig
-from gtlayout.edges import ContactEdge, contact_edges
+from gtlayout.config import ExtentConfig
+from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
 from gtlayout.extent import compute_extents
 from gtlayout.geometry.plane_image import clip_to_plane, median_depth, unproject
 from gtlayout.geometry.polygons import polygons

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import Evidence, Views, gather
-from gtlayout.initialization import face_cameras, initial_planes
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.evidence import Evidence, gather
+from gtlayout.planes.initialization import face_cameras, initial_planes
+from gtlayout.planes.views import Views
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation

@@ -13,9 +13,9 @@ import shapely
 from box_room import made
 from shapely import MultiPolygon
 
-from gtlayout.config import EdgeConfig, ExtentConfig
-from gtlayout.correspondence import _join_across_gaps
-from gtlayout.edges import contact_edges
+from gtlayout.config import ExtentConfig
+from gtlayout.correspondence.matching import _join_across_gaps
+from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.export.floor_plan import floor_plan
 from gtlayout.extent import compute_extents
 from gtlayout.geometry.hosts import find_hosts
@@ -23,12 +23,12 @@ from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Mesh, Plane, PlaneFrame
 from gtlayout.io.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.mesh import build_mesh
+from gtlayout.regrouping.splits import _with_the_others
 from gtlayout.scene import FloatArray, Label, Scene
 from gtlayout.synth import textures
 from gtlayout.synth.furniture import furnish
 from gtlayout.synth.plans import Plan, l_shaped, polygon, slanted, two_rooms
 from gtlayout.synth.surfaces import Box, make_surface
-from gtlayout.two_planes import _with_the_others
 
 JITTERS = 4
 ROUNDING = 1e-15

@@ -11,8 +11,8 @@ import rooms
 import trimesh
 from shapely import MultiPolygon, Polygon, box
 
-from gtlayout.config import EdgeConfig, ExtentConfig
-from gtlayout.edges import contact_edges
+from gtlayout.config import ExtentConfig
+from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.extent import compute_extents
 from gtlayout.instances import Extent, Mesh, Plane
 from gtlayout.mesh import build_mesh, vertex_sigma

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import L, P
 
-import gtlayout.estimation
-import gtlayout.graph
-from gtlayout.config import EstimationConfig
-from gtlayout.estimation import led_astray
-from gtlayout.evidence import Evidence, gather
-from gtlayout.graph import solve as solve_graph
-from gtlayout.objective import cauchy_loss, cost_of
+import gtlayout.planes.estimation
+import gtlayout.planes.graph
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.estimation import led_astray
+from gtlayout.planes.evidence import Evidence, gather
+from gtlayout.planes.graph import solve as solve_graph
+from gtlayout.planes.objective import cauchy_loss, cost_of
+from gtlayout.planes.structural_factors import edge_factors
 from gtlayout.scene import BoolArray, FloatArray
-from gtlayout.structure import edge_factors
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.normalisation import Normalisation
@@ -135,7 +135,7 @@ def test_a_solve_that_throws_a_plane_is_noticed_and_its_start_kept(room: Room, m
     good = solve(room, tracks, true_edges(room))
     assert good.warnings == ()
     wall = walls(room)[1]
-    honest = gtlayout.estimation.optimise
+    honest = gtlayout.planes.estimation.optimise
 
     def astray(*arguments):  # type: ignore[no-untyped-def]
         solution, uncertainty = honest(*arguments)
@@ -143,7 +143,7 @@ def test_a_solve_that_throws_a_plane_is_noticed_and_its_start_kept(room: Room, m
         planes[wall, 3] *= 2.0
         return replace(solution, planes=planes), uncertainty
 
-    monkeypatch.setattr(gtlayout.estimation, "optimise", astray)
+    monkeypatch.setattr(gtlayout.planes.estimation, "optimise", astray)
     kept = solve(room, tracks, true_edges(room))
     assert len(kept.warnings) == 1 and room.instances[wall].name in kept.warnings[0]
     angles_deg, offsets = errors(room, kept.planes)
@@ -187,7 +187,9 @@ def test_landmarks_that_miss_their_planes_start_no_farther_than_elements_may_be(
     behind = face_away(truth, evidence)
     far = replace(evidence, rays=replace(evidence.rays, rho=np.full(len(tracks), 1e-6)))
     used = np.arange(len(tracks))
-    values = gtlayout.graph._values(far, behind, np.full((len(tracks), 3), np.nan), np.arange(len(truth)), used, CONFIG)
+    values = gtlayout.planes.graph._values(
+        far, behind, np.full((len(tracks), 3), np.nan), np.arange(len(truth)), used, CONFIG
+    )
     points = np.array([values.atPoint3(L(n)) for n in used.tolist()])
     depth = np.linalg.norm(points - evidence.rays.center, axis=1) / np.linalg.norm(evidence.rays.ray, axis=1)
     np.testing.assert_allclose(depth, CONFIG.depth_range[1])
@@ -207,7 +209,7 @@ def test_the_fault_that_scenes_without_a_unit_had_would_be_noticed(room: Room, m
     far = np.arange(len(tracks)) % 3 == 0
     tracks = replace(tracks, sigma_px=np.where(far, 100.0, tracks.sigma_px))
     assert solve(room, tracks, true_edges(room)).warnings == ()
-    honest = gtlayout.graph._values
+    honest = gtlayout.planes.graph._values
 
     def triangulated_anywhere(evidence: Evidence, planes: FloatArray, *others: Any) -> gtsam.Values:
         values = honest(evidence, planes, *others)
@@ -217,7 +219,7 @@ def test_the_fault_that_scenes_without_a_unit_had_would_be_noticed(room: Room, m
                 values.insertPoint3(L(int(n)), evidence.rays.center[n] + 1000.0 * evidence.rays.ray[n])
         return values
 
-    monkeypatch.setattr(gtlayout.graph, "_values", triangulated_anywhere)
+    monkeypatch.setattr(gtlayout.planes.graph, "_values", triangulated_anywhere)
     kept = solve(room, tracks, true_edges(room))
     assert len(kept.warnings) == 1 and "its start is kept" in kept.warnings[0]
     angles_deg, offsets = errors(room, kept.planes)

@@ -11,18 +11,19 @@ import pytest
 from rooms import level_camera, make_scene, pixels
 from shapely import MultiPolygon
 
-from gtlayout import estimation, method
+from gtlayout import method
 from gtlayout.canonical import canonical
 from gtlayout.config import Config
-from gtlayout.coplanar import find_joins, plane_difference
-from gtlayout.correspondence import form_instances
-from gtlayout.estimation import Estimate
+from gtlayout.correspondence.matching import form_instances
 from gtlayout.instances import Instance, Plane, Support
+from gtlayout.planes import estimation
+from gtlayout.planes.estimation import Estimate
+from gtlayout.regrouping.joins import find_joins, plane_difference
+from gtlayout.regrouping.splits import Cluster, cluster_of, find_splits, two_planes
 from gtlayout.scene import FloatArray, IntArray, Label, Scene
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays, triangulate
-from gtlayout.two_planes import Cluster, cluster_of, find_splits, two_planes
 from simulated_room import Room, make_room, orbit
 from simulation import chosen, make_tracks
 

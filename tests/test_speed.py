@@ -15,10 +15,10 @@ import pytest
 
 import adam
 import speed
-from gtlayout import graph
 from gtlayout.config import Config
-from gtlayout.evidence import gather
-from gtlayout.starts import best_start
+from gtlayout.planes import graph
+from gtlayout.planes.evidence import gather
+from gtlayout.planes.starts import best_start
 from gtlayout.synth import SynthConfig, synthesize
 from gtlayout.tracking.normalisation import Normalisation
 from metrics import Metric, read_rows

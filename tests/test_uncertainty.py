@@ -14,18 +14,19 @@ import numpy as np
 import pytest
 
 from consistency import coverage, nees
-from gtlayout import uncertainty
-from gtlayout.config import EstimationConfig, UncertaintyConfig
 from gtlayout.edges import ContactEdge
-from gtlayout.evidence import Evidence, gather
 from gtlayout.instances import HeldBy
+from gtlayout.planes import uncertainty
+from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
+from gtlayout.planes.evidence import Evidence, gather
+from gtlayout.planes.linear_system import linearise
+from gtlayout.planes.starts import polish
+from gtlayout.planes.uncertainty import error_scales, plane_uncertainty
 from gtlayout.scene import FloatArray
-from gtlayout.starts import polish
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
-from gtlayout.uncertainty import error_scales, plane_uncertainty
 from simulated_edges import jitter, true_edges
 from simulated_room import Room, box_faces, make_room, orbit
 from simulation import make_tracks, true_instance
@@ -140,7 +141,7 @@ def test_ellipsoids_hold_what_they_should(truth: Truth) -> None:
     count = len(truth.planes)
     for seed in range(30):
         evidence = drawn(truth, seed)
-        linear = uncertainty._linearise(truth.tracks, evidence, truth.planes, np.arange(count), PLAIN)
+        linear = linearise(truth.tracks, evidence, truth.planes, np.arange(count), PLAIN)
         covariance, _, row_weight = uncertainty._scales(linear, PLAIN.uncertainty)
         step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
         planes = polish(evidence, truth.planes, PLAIN)

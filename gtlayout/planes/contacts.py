@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gtlayout.config import EstimationConfig
-from gtlayout.evidence import FARTHEST_PX, EdgeGroup, Evidence
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.edge_group import EdgeGroup
+from gtlayout.planes.evidence import FARTHEST_PX, Evidence
+from gtlayout.planes.starts import best_start, polish
 from gtlayout.scene import FloatArray
-from gtlayout.starts import best_start, polish
 
 Pair = tuple[int, int]
 _READMITTED = 0.6

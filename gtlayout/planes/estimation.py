@@ -10,21 +10,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtlayout.config import EstimationConfig
-from gtlayout.contacts import start_without_wrong_contacts
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.evidence import Evidence, Views, gather
-from gtlayout.graph import Solution, solve, track_weights
-from gtlayout.initialization import face_cameras
 from gtlayout.instances import Instance, Plane, Support
-from gtlayout.objective import cost_of
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contacts import start_without_wrong_contacts
+from gtlayout.planes.evidence import Evidence, gather
+from gtlayout.planes.graph import Solution, solve, track_weights
+from gtlayout.planes.initialization import face_cameras
+from gtlayout.planes.objective import cost_of
+from gtlayout.planes.support import supports
+from gtlayout.planes.uncertainty import Uncertainty, error_scales, plane_uncertainty
+from gtlayout.planes.views import Views
 from gtlayout.scene import Camera, FloatArray, IntArray, Scene
-from gtlayout.support import supports
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays, camera_path
-from gtlayout.uncertainty import Uncertainty, error_scales, plane_uncertainty
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtlayout.config import Config
-from gtlayout.coplanar import find_joins
-from gtlayout.correspondence import form_instances
-from gtlayout.estimation import Estimate
+from gtlayout.correspondence.matching import form_instances
 from gtlayout.instances import Instance
+from gtlayout.planes.estimation import Estimate
+from gtlayout.regrouping.joins import find_joins
+from gtlayout.regrouping.splits import Members, find_splits
 from gtlayout.scene import IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays
-from gtlayout.two_planes import Members, find_splits
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import P
 
-from gtlayout.config import EstimationConfig
-from gtlayout.evidence import Evidence
 from gtlayout.factors import depth_factor
-from gtlayout.initialization import initial_planes
-from gtlayout.objective import cost_of
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.initialization import initial_planes
+from gtlayout.planes.objective import cost_of
+from gtlayout.planes.structural_factors import plane_priors, structure_factors
 from gtlayout.scene import FloatArray
-from gtlayout.structure import plane_priors, structure_factors
 
 
 def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> FloatArray:

@@ -8,11 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
-from gtlayout.config import ExtentConfig, RegroupingConfig
-from gtlayout.drawings import draw_on, shown_there
-from gtlayout.evidence import prefer_visible
+from gtlayout.config import ExtentConfig
 from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, Plane
+from gtlayout.planes.evidence import prefer_visible
+from gtlayout.regrouping.config import RegroupingConfig
+from gtlayout.regrouping.on_plane import draw_on, shown_there
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays

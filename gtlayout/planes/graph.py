@@ -9,11 +9,11 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import L, P
 
-from gtlayout.config import EstimationConfig
-from gtlayout.evidence import Evidence
 from gtlayout.factors import track_factor
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.structural_factors import plane_priors, structure_factors
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
-from gtlayout.structure import plane_priors, structure_factors
 from gtlayout.tracking.tracks import Tracks, spread_observations
 
 _BATCH = 32

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.evidence import EdgeGroup, Evidence, followed
-from gtlayout.graph import Solution
 from gtlayout.instances import HeldBy, Instance, Support
+from gtlayout.planes.edge_group import EdgeGroup
+from gtlayout.planes.evidence import Evidence, followed
+from gtlayout.planes.graph import Solution
 from gtlayout.scene import BoolArray, FloatArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays, parallax_deg

@@ -6,9 +6,9 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import P
 
-from gtlayout.config import EstimationConfig
-from gtlayout.evidence import Evidence
 from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.evidence import Evidence
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.tracking.normalisation import TYPICAL_DEPTH
 

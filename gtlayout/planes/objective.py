@@ -13,11 +13,12 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import P
 
-from gtlayout.config import EstimationConfig
-from gtlayout.evidence import FARTHEST_PX, EdgeGroup, Evidence
-from gtlayout.initialization import manhattan_sine
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.edge_group import EdgeGroup
+from gtlayout.planes.evidence import FARTHEST_PX, Evidence
+from gtlayout.planes.initialization import manhattan_sine
+from gtlayout.planes.structural_factors import opening_factors
 from gtlayout.scene import FloatArray
-from gtlayout.structure import opening_factors
 
 
 @dataclass(frozen=True)

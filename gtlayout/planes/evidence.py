@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from gtlayout.config import EstimationConfig
 from gtlayout.edges import ContactEdge
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.edge_group import EdgeGroup
+from gtlayout.planes.views import Views
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
@@ -20,80 +22,8 @@ from gtlayout.tracking.triangulation import Rays
 _VIEW_POINTS = 12
 """Pixels sampled on each drawing of a surface."""
 _ROUNDING_PX = 1e-6
-_MIN_DIHEDRAL = 0.2
-"""Planes at less than this angle (radians) make no edge that an annotator would draw."""
 FARTHEST_PX = 100.0
 """Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
-
-
-@dataclass(frozen=True)
-class EdgeGroup:
-    """The contact edge of two surfaces in one key frame."""
-
-    camera: Camera
-    surfaces: tuple[int, int]
-    points_px: FloatArray
-
-    def other(self, surface: int) -> int:
-        """The surface on its other side."""
-        return self.surfaces[1] if self.surfaces[0] == surface else self.surfaces[0]
-
-    def representatives_px(self) -> FloatArray:
-        """(2, 2) the two points that stand for the edge: mean ± one standard deviation along it."""
-        mean = self.points_px.mean(axis=0)
-        _, spread, axes = np.linalg.svd(self.points_px - mean, full_matrices=False)
-        step = spread[0] / np.sqrt(len(self.points_px)) * axes[0]
-        return np.array([mean - step, mean + step])
-
-    def distances_px(self, planes: FloatArray, neighbour: FloatArray) -> FloatArray:
-        """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``.
-
-        Infinite for planes that coincide with it: elements that touch along an edge are two planes.
-        """
-        center = self.camera.center_world
-        clearance = planes[:, :3] @ center + planes[:, 3]
-        neighbour_clearance = neighbour[:3] @ center + neighbour[3]
-        through = clearance[:, None] * neighbour[:3] - neighbour_clearance * planes[:, :3]
-        coplanar = np.linalg.norm(through, axis=1) <= _MIN_DIHEDRAL * np.maximum(
-            abs(clearance), abs(neighbour_clearance)
-        )
-        lines = through @ np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world)
-        length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
-        homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
-        return np.where(coplanar[:, None], np.inf, (lines @ homogeneous.T) / length[:, None])
-
-    def ends_off_px(self, plane: FloatArray, neighbour: FloatArray) -> FloatArray:
-        """(2,) the same of the edge's two representatives, for one pair of planes."""
-        return replace(self, points_px=self.representatives_px()).distances_px(plane[None], neighbour)[0]
-
-    def ends_on(self, plane: FloatArray) -> FloatArray:
-        """(2, 3) points of the edge's two ends on one of its planes."""
-        rays = self.camera.rays_world(self.points_px[[0, -1]])
-        center = self.camera.center_world
-        depth = -(plane[:3] @ center + plane[3]) / (rays @ plane[:3])
-        return center + depth[:, None] * rays
-
-
-@dataclass(frozen=True)
-class Views:
-    """Where one surface is drawn: P sampled pixels as rays."""
-
-    center: FloatArray
-    """(P, 3) camera centres."""
-    ray: FloatArray
-    """(P, 3) directions with z = 1 in the camera."""
-
-    def depths(self, planes: FloatArray) -> FloatArray:
-        """(H, P) depths at which (H, 4) planes are seen there; negative behind the camera."""
-        facing = planes[:, :3] @ self.ray.T
-        depth: FloatArray = -(planes[:, :3] @ self.center.T + planes[:, 3:]) / np.where(facing == 0, 1e-12, facing)
-        return depth
-
-    def seen_on(self, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(Q, 3) points and (Q,) depths where a (4,) plane is seen at the pixels; fewer than P, maybe none."""
-        depth = self.depths(plane[None])[0]
-        seen = depth > 0
-        return self.center[seen] + depth[seen, None] * self.ray[seen], depth[seen]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,12 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from gtlayout.config import ExtentConfig, RegroupingConfig
-from gtlayout.drawings import Drawn, draw_on, shown_there
-from gtlayout.estimation import Estimate
+from gtlayout.config import ExtentConfig
 from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, PlaneFrame
+from gtlayout.planes.estimation import Estimate
+from gtlayout.regrouping.config import RegroupingConfig
+from gtlayout.regrouping.on_plane import Drawn, draw_on, shown_there
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtlayout.config import InitializationConfig
-from gtlayout.evidence import Evidence, Views
+from gtlayout.planes.config import InitializationConfig
+from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.views import Views
 from gtlayout.scene import BoolArray, FloatArray, IntArray
 
 

@@ -15,7 +15,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 from shapely import contains_xy
 
-from gtlayout.config import CorrespondenceConfig
+from gtlayout.correspondence.config import CorrespondenceConfig
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance

@@ -1,0 +1,1 @@
+"""Stage 4: the plane of every instance, with its uncertainty, from one factor graph (paper 3.3)."""

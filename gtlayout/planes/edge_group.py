@@ -1,0 +1,60 @@
+"""A contact edge as a key frame shows it, against the planes that meet there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gtlayout.scene import Camera, FloatArray
+
+_MIN_DIHEDRAL = 0.2
+"""Planes at less than this angle (radians) make no edge that an annotator would draw."""
+
+
+@dataclass(frozen=True)
+class EdgeGroup:
+    """The contact edge of two surfaces in one key frame."""
+
+    camera: Camera
+    surfaces: tuple[int, int]
+    points_px: FloatArray
+
+    def other(self, surface: int) -> int:
+        """The surface on its other side."""
+        return self.surfaces[1] if self.surfaces[0] == surface else self.surfaces[0]
+
+    def representatives_px(self) -> FloatArray:
+        """(2, 2) the two points that stand for the edge: mean ± one standard deviation along it."""
+        mean = self.points_px.mean(axis=0)
+        _, spread, axes = np.linalg.svd(self.points_px - mean, full_matrices=False)
+        step = spread[0] / np.sqrt(len(self.points_px)) * axes[0]
+        return np.array([mean - step, mean + step])
+
+    def distances_px(self, planes: FloatArray, neighbour: FloatArray) -> FloatArray:
+        """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``.
+
+        Infinite for planes that coincide with it: elements that touch along an edge are two planes.
+        """
+        center = self.camera.center_world
+        clearance = planes[:, :3] @ center + planes[:, 3]
+        neighbour_clearance = neighbour[:3] @ center + neighbour[3]
+        through = clearance[:, None] * neighbour[:3] - neighbour_clearance * planes[:, :3]
+        coplanar = np.linalg.norm(through, axis=1) <= _MIN_DIHEDRAL * np.maximum(
+            abs(clearance), abs(neighbour_clearance)
+        )
+        lines = through @ np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world)
+        length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
+        homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
+        return np.where(coplanar[:, None], np.inf, (lines @ homogeneous.T) / length[:, None])
+
+    def ends_off_px(self, plane: FloatArray, neighbour: FloatArray) -> FloatArray:
+        """(2,) the same of the edge's two representatives, for one pair of planes."""
+        return replace(self, points_px=self.representatives_px()).distances_px(plane[None], neighbour)[0]
+
+    def ends_on(self, plane: FloatArray) -> FloatArray:
+        """(2, 3) points of the edge's two ends on one of its planes."""
+        rays = self.camera.rays_world(self.points_px[[0, -1]])
+        center = self.camera.center_world
+        depth = -(plane[:3] @ center + plane[3]) / (rays @ plane[:3])
+        return center + depth[:, None] * rays

@@ -1,0 +1,104 @@
+"""Stage 4, around the solve: how far each plane may be off, with the scale of all errors taken from their residuals.
+
+Points of one surface seen from one key frame are off together: by errors of cameras, by drift of tracks, by relief. No
+number of them averages that out. So every key frame is given its own copy of a surface, a relative error of depth that
+varies linearly over it, and the surface one more that all its key frames share. How large those errors are, and how far
+annotated edges lie from where planes meet, is estimated on the linearised graph by expectation maximisation of Student
+t scales: in a clean scene σ is small, in a poor one large, without anybody telling.
+
+Reference for the scales: Lange, Little, Taylor, "Robust statistical modeling using the t distribution", JASA 1989.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from gtlayout.instances import HeldBy
+from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
+from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
+from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.linear_system import EDGE, PRIOR, SURFACE, TRACK, LinearSystem, linearise
+from gtlayout.scene import FloatArray
+from gtlayout.tracking.tracks import Tracks
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What the marginals say once the noise is known."""
+
+    covariance: FloatArray
+    """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
+    held_by: tuple[HeldBy, ...]
+    """What each plane rests on; empty for those without a plane."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """How large errors are, in units of what was expected."""
+
+    surface: float
+    """Errors of depth that points of a surface share."""
+    edge: float
+    """Errors of annotated edges."""
+
+
+def error_scales(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Scales:
+    """How large the residuals at (S, 4) ``planes`` say errors are."""
+    placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
+    _, scale, _ = _scales(linearise(tracks, evidence, planes, placed, config), config.uncertainty)
+    return Scales(float(scale[SURFACE]), float(scale[EDGE]))
+
+
+def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Uncertainty:
+    """Covariance of all planes at the solution ``planes`` (S, 4), with errors as large as the residuals show."""
+    placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
+    linear = linearise(tracks, evidence, planes, placed, config)
+    covariance, _, row_weight = _scales(linear, config.uncertainty)
+    tangents = config.uncertainty.unseen**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
+    to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
+    for i, s in enumerate(placed):
+        to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
+        to_coefficients[4 * s + 3, 3 * i + 2] = 1.0
+    of_planes = to_coefficients @ tangents @ to_coefficients.T
+    absent = np.repeat(~np.isin(np.arange(len(planes)), placed), 4)
+    of_planes[absent] = of_planes[:, absent] = np.nan
+    held: list[HeldBy] = [""] * len(planes)
+    by_offset = np.array([offset_gradient(planes[s], evidence.views[s]) for s in placed])
+    for s, kind in zip(placed, dominant_evidence(linear, row_weight, by_offset), strict=True):
+        held[s] = kind
+    # What joins a door or window to others is its wall, not an angle.
+    of_wall = (evidence.host >= 0) & np.array([kind == "right angles" for kind in held])
+    held = [held[evidence.host[s]] if of_wall[s] else held[s] for s in range(len(held))]
+    return Uncertainty(of_planes, tuple(held))
+
+
+def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(N, N) covariance at the estimated scales, (5,) these scales by family, and the (R,) weights it was made with.
+
+    Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales.
+    """
+    size = np.diff(np.append(linear.first, len(linear.target)))
+    scale = np.ones(5)
+    weight = np.ones(len(size))
+    covariance: FloatArray = np.eye(linear.jacobian.shape[1])
+    for _ in range(config.rounds):
+        row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
+        weighted = np.sqrt(row_weight)[:, None] * linear.jacobian
+        covariance = np.asarray(np.linalg.inv(weighted.T @ weighted))
+        step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
+        residual = linear.jacobian @ step - linear.target
+        # Residuals are smaller than errors by what the unknowns could absorb.
+        absorbed = np.sum((linear.jacobian @ covariance) * linear.jacobian, axis=1)
+        error = np.add.reduceat(residual**2, linear.first)
+        expected = error + np.add.reduceat(absorbed, linear.first)
+        freedom = config.student_freedom
+        robust = linear.family != PRIOR
+        weight = np.where(robust, (freedom + size) / (freedom + error / scale[linear.family] ** 2), 1.0)
+        for family in (TRACK, SURFACE, EDGE):
+            own = linear.family == family
+            measured = np.sum(weight[own] * expected[own]) + config.prior_measurements
+            scale[family] = np.sqrt(measured / (np.sum(size[own]) + config.prior_measurements))
+    return covariance, scale, row_weight

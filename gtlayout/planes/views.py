@@ -1,0 +1,31 @@
+"""Where an instance is drawn, as rays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.scene import FloatArray
+
+
+@dataclass(frozen=True)
+class Views:
+    """Where one surface is drawn: P sampled pixels as rays."""
+
+    center: FloatArray
+    """(P, 3) camera centres."""
+    ray: FloatArray
+    """(P, 3) directions with z = 1 in the camera."""
+
+    def depths(self, planes: FloatArray) -> FloatArray:
+        """(H, P) depths at which (H, 4) planes are seen there; negative behind the camera."""
+        facing = planes[:, :3] @ self.ray.T
+        depth: FloatArray = -(planes[:, :3] @ self.center.T + planes[:, 3:]) / np.where(facing == 0, 1e-12, facing)
+        return depth
+
+    def seen_on(self, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(Q, 3) points and (Q,) depths where a (4,) plane is seen at the pixels; fewer than P, maybe none."""
+        depth = self.depths(plane[None])[0]
+        seen = depth > 0
+        return self.center[seen] + depth[seen, None] * self.ray[seen], depth[seen]
