@@ -24,13 +24,13 @@ from gtlayout.correspondence.matching import correspond
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import evaluate
-from gtlayout.extent import compute_extents
+from gtlayout.extent.extents import compute_extents
 from gtlayout.instances import Instance, Mesh, Plane
 from gtlayout.io import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import restart_tracks
 from gtlayout.planes.estimation import estimate
-from gtlayout.quality import assess
+from gtlayout.quality.assess import assess
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks

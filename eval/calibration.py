@@ -28,7 +28,7 @@ from gtlayout.io import load_scene
 from gtlayout.io.files import write_atomic
 from gtlayout.io.truth import Truth, read_truth
 from gtlayout.method import Solution, solve
-from gtlayout.quality import centroid_of_largest
+from gtlayout.quality.depth import centroid_of_largest
 from gtlayout.scene import OPENINGS, Camera, FloatArray, Scene
 from metrics import Metric, write_tables
 from plots import reliability, sigma_against_error

@@ -27,7 +27,7 @@ from gtlayout.instances import Plane
 from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
-from gtlayout.quality import InstanceQuality
+from gtlayout.quality.measures import InstanceQuality
 from gtlayout.scene import Camera, Element, FloatArray
 from memory_use import MIB
 from metrics import Metric

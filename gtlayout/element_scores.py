@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from gtlayout.instances import Extent, Plane, PlaneFrame
 from gtlayout.io.truth import TruePlane, Truth
 from gtlayout.layout import Layout
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
 from gtlayout.scene import FloatArray
 
 MAX_NORMAL_DEG = 9.0

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtlayout.config import QualityConfig
 from gtlayout.element_scores import (
     PlaneError,
     found_in_annotations,
@@ -17,11 +16,13 @@ from gtlayout.element_scores import (
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.geometry.render import render
-from gtlayout.headline import Headline
 from gtlayout.io.images import read_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
-from gtlayout.quality import Prediction, assess
+from gtlayout.quality.assess import assess
+from gtlayout.quality.config import QualityConfig
+from gtlayout.quality.headline import Headline
+from gtlayout.quality.measures import Prediction
 from gtlayout.scene import FloatArray, Scene
 
 WORST_SHARE = 0.01

@@ -18,10 +18,10 @@ from threadpoolctl import threadpool_limits
 from gtlayout.canonical import canonical
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
-from gtlayout.dimensions import room_dimensions
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
-from gtlayout.extent import compute_extents
+from gtlayout.extent.dimensions import room_dimensions
+from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage
 from gtlayout.instances import Instance, Plane
@@ -29,7 +29,7 @@ from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.observer import Observer
 from gtlayout.planes.estimation import Estimate, estimate
-from gtlayout.quality import Quality, assess
+from gtlayout.quality.assess import Quality, assess
 from gtlayout.regrouping.regroup import regroup
 from gtlayout.scene import Camera, IntArray, Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras

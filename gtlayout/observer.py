@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from gtlayout.instances import Extent, Instance, Mesh
     from gtlayout.layout import Layout
     from gtlayout.planes.estimation import Estimate
-    from gtlayout.quality import Quality
+    from gtlayout.quality.assess import Quality
     from gtlayout.scene import IntArray, Scene
     from gtlayout.tracking.tracks import Tracks
 

@@ -11,10 +11,10 @@ from rich.text import Text
 
 from gtlayout.evaluation import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
-from gtlayout.headline import Headline, drawing
 from gtlayout.instances import Dimension
 from gtlayout.layout import Layout
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
+from gtlayout.quality.headline import Headline, drawing
 from gtlayout.scene import Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 

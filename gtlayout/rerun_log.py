@@ -23,7 +23,7 @@ from gtlayout.layout import Layout
 from gtlayout.observer import Observer
 from gtlayout.planes.estimation import Estimate
 from gtlayout.planes.support import OUTVOTED
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
 from gtlayout.report_table import markdown
 from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene

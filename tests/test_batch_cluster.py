@@ -17,7 +17,7 @@ from broken_scenes import link_scene, misbehave
 from dask_processes import DaskProcesses, dask_processes, kill, left_behind
 from gtlayout.batch.record import scene_folder
 from gtlayout.batch.run_folder import read_run
-from gtlayout.headline import Word
+from gtlayout.quality.headline import Word
 from gtlayout.synth import SynthConfig, synthesize
 
 FILES = {"layout.json", "layout.glb", "layout.ply", "quality.json", "report.html", "thumbnail.jpg", "record.json"}

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gtlayout.causes import causes
-from gtlayout.config import QualityConfig
 from gtlayout.instances import Instance, Plane, Support
+from gtlayout.quality.causes import causes
+from gtlayout.quality.config import QualityConfig
 
 SOUND = Support(
     tracks=100, survived=0.6, parallax_deg=8.0, outvoted=0.0, contact_edges=3, edge_px=1.0, held_by="tracks"

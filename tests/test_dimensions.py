@@ -10,7 +10,7 @@ import pytest
 import rooms
 from scipy.linalg import block_diag
 
-from gtlayout.dimensions import room_dimensions
+from gtlayout.extent.dimensions import room_dimensions
 from gtlayout.instances import Dimension, Plane
 from gtlayout.scene import FloatArray
 

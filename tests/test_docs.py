@@ -19,12 +19,13 @@ import cv2
 import numpy as np
 import pytest
 
-from gtlayout.causes import causes
 from gtlayout.cli import app
-from gtlayout.config import Config, QualityConfig
+from gtlayout.config import Config
 from gtlayout.instances import HeldBy, Instance, Plane, Support
 from gtlayout.io import ANNOTATION_READERS, CAMERA_READERS
 from gtlayout.processes import ONE_THREAD
+from gtlayout.quality.causes import causes
+from gtlayout.quality.config import QualityConfig
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "docs" / "pages"

@@ -15,11 +15,11 @@ import pytest
 import rooms
 from rich.console import Console
 
-from gtlayout.config import ExtentConfig
 from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import Evaluation, evaluate
-from gtlayout.extent import compute_extents
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.io import load_scene

@@ -10,9 +10,9 @@ import pytest
 import rooms
 from shapely import MultiPolygon, Polygon, box
 
-from gtlayout.config import ExtentConfig
 from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
-from gtlayout.extent import compute_extents
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.plane_image import clip_to_plane, median_depth, unproject
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Plane

@@ -23,7 +23,7 @@ from gtlayout.figures import figure, is_known, percent, short, sigma_figure, wit
 from gtlayout.instances import Dimension, Plane
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
-from gtlayout.quality import Quality, assess
+from gtlayout.quality.assess import Quality, assess
 from gtlayout.report import page, report_data
 from gtlayout.report_table import (
     camera_line,

@@ -10,11 +10,11 @@ import pytest
 import rooms
 from shapely import box
 
-from gtlayout.config import QualityConfig
 from gtlayout.geometry.polygons import polygons
-from gtlayout.headline import Headline
 from gtlayout.instances import Extent, Plane
-from gtlayout.quality import Quality, assess
+from gtlayout.quality.assess import Quality, assess
+from gtlayout.quality.config import QualityConfig
+from gtlayout.quality.headline import Headline
 from gtlayout.scene import Scene
 
 LEFT, MIDDLE, RIGHT = SURFACES = tuple(rooms.facing(x, 0, x + 32, 80) for x in (0, 32, 64))

@@ -10,11 +10,12 @@ import pytest
 import rooms
 from shapely import MultiPolygon, Point, box
 
-from gtlayout.config import ExtentConfig, QualityConfig
-from gtlayout.extent import compute_extents
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.extents import compute_extents
+from gtlayout.extent.known_part import known_part
 from gtlayout.instances import Extent, Plane, PlaneFrame
-from gtlayout.known_part import known_part
-from gtlayout.quality import assess
+from gtlayout.quality.assess import assess
+from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import Camera, FloatArray
 
 FRAME = PlaneFrame(np.zeros(3), np.eye(3)[:2])

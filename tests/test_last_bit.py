@@ -13,11 +13,11 @@ import shapely
 from box_room import made
 from shapely import MultiPolygon
 
-from gtlayout.config import ExtentConfig
 from gtlayout.correspondence.matching import _join_across_gaps
 from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.export.floor_plan import floor_plan
-from gtlayout.extent import compute_extents
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Mesh, Plane, PlaneFrame

@@ -25,7 +25,7 @@ from gtlayout.io.files import write_json_atomic
 from gtlayout.io.layout_files import write_results
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
-from gtlayout.quality import assess
+from gtlayout.quality.assess import assess
 from gtlayout.scene import Camera, FloatArray
 from layout2d import draw_wireframe, label_image, pixel_error, score_folder
 from metrics import read_rows

@@ -24,7 +24,7 @@ from gtlayout.io.files import write_all_atomic
 from gtlayout.io.layout_files import read_layout, write_results
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh, vertex_sigma
-from gtlayout.quality import Quality, assess
+from gtlayout.quality.assess import Quality, assess
 from gtlayout.report_table import dimensions, element_table, headline_text, markdown, measures, reasons
 from gtlayout.scene import Scene
 

@@ -21,7 +21,7 @@ from gtlayout.io.layout_files import write_results
 from gtlayout.io.layout_format import layout_schema
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
-from gtlayout.quality import assess
+from gtlayout.quality.assess import assess
 
 COMMITTED = Path(__file__).parents[1] / "docs/layout.schema.json"
 

@@ -11,9 +11,9 @@ import rooms
 import trimesh
 from shapely import MultiPolygon, Polygon, box
 
-from gtlayout.config import ExtentConfig
 from gtlayout.edges import EdgeConfig, contact_edges
-from gtlayout.extent import compute_extents
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.extents import compute_extents
 from gtlayout.instances import Extent, Mesh, Plane
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.scene import FloatArray

@@ -10,9 +10,10 @@ import pytest
 import rooms
 from shapely import MultiPolygon
 
-from gtlayout.config import QualityConfig
 from gtlayout.instances import Extent, Instance, Plane, Support
-from gtlayout.quality import InstanceQuality, Quality, assess
+from gtlayout.quality.assess import Quality, assess
+from gtlayout.quality.config import QualityConfig
+from gtlayout.quality.measures import InstanceQuality
 from gtlayout.scene import Scene
 
 CAMERA = rooms.facing_camera()

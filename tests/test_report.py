@@ -16,13 +16,13 @@ from playwright.sync_api import Page
 from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.headline import Headline, Word
 from gtlayout.instances import Mesh
 from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.layout_files import write_results
 from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
+from gtlayout.quality.headline import Headline, Word
 from gtlayout.report import page as html_of
 from gtlayout.report import report_data
 from gtlayout.report.files import read_records

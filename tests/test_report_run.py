@@ -17,7 +17,7 @@ from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Failure, Record, 
 from gtlayout.batch.run_folder import Run, read_run, write_run
 from gtlayout.cli import main
 from gtlayout.config import Config
-from gtlayout.headline import Word
+from gtlayout.quality.headline import Word
 from gtlayout.report.compare_runs import comparison
 from gtlayout.report.histogram import HEIGHT, histogram
 from gtlayout.report.run_data import FAILURES, run_data

@@ -21,7 +21,7 @@ from gtlayout.io.files import write_json_atomic
 from gtlayout.io.images import read_rgb
 from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
-from gtlayout.quality import InstanceQuality, Verdict
+from gtlayout.quality.measures import InstanceQuality, Verdict
 from gtlayout.scene import Camera, FloatArray, Scene
 from measure_variant import measured_apart
 from metrics import Metric

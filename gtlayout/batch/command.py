@@ -17,7 +17,7 @@ from gtlayout.batch.run import run_batch
 from gtlayout.batch.run_folder import check_free
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.console import NotNegative, Positive, stdout
-from gtlayout.headline import Word
+from gtlayout.quality.headline import Word
 
 SOME_FAILED = 3
 """Exit status when not all scenes came to a layout."""

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from gtlayout.batch.record import Record
-from gtlayout.headline import Word
 from gtlayout.io.files import printable
+from gtlayout.quality.headline import Word
 
 LINE_EVERY_S = 30.0
 """Without a terminal."""

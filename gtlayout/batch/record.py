@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.headline import Word
 from gtlayout.io.files import json_text, read_json, write_atomic
+from gtlayout.quality.headline import Word
 
 FORMAT = "gtlayout-record/1"
 SCENES = "scenes"

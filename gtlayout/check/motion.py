@@ -8,7 +8,7 @@ import numpy as np
 
 from gtlayout.check.images import Matches
 from gtlayout.check.two_views import middle_inverse_depth
-from gtlayout.config import QualityConfig
+from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import Camera, FloatArray, Scene
 from gtlayout.tracking.config import TrackingConfig
 

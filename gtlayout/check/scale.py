@@ -7,10 +7,10 @@ import numpy as np
 from gtlayout.check.images import Matches
 from gtlayout.check.motion import median_parallax_deg
 from gtlayout.check.two_views import middle_inverse_depth, triangulate_pair
-from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.figures import short
 from gtlayout.io.images import read_depth
+from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import Scene
 
 ROOM_DEPTH_M = (0.3, 30.0)

@@ -24,7 +24,7 @@ from gtlayout.io.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.io.refined_cameras import refined_cameras_text
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
 from gtlayout.results import LOG_FILE, REPORT_FILE, TIMINGS_FILE
 from gtlayout.scene import LABELS, FloatArray, Scene
 from gtlayout.version import __version__

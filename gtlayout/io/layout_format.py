@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypedDict
 
-from gtlayout.headline import Word
 from gtlayout.instances import Support
 from gtlayout.io.files import json_text
 from gtlayout.io.json_schema import OrNull, Schema, Shape, schema_of
-from gtlayout.quality import Prediction, Verdict
+from gtlayout.quality.headline import Word
+from gtlayout.quality.measures import Prediction, Verdict
 from gtlayout.scene import FloatArray, IntArray, Label
 
 Format = Literal["gtlayout-layout/3"]

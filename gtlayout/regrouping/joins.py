@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 import shapely
 
-from gtlayout.config import ExtentConfig
+from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, PlaneFrame
 from gtlayout.planes.estimation import Estimate

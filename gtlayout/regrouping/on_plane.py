@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from gtlayout.config import ExtentConfig
+from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, unproject
 from gtlayout.geometry.polygons import polygons
 from gtlayout.geometry.raster import annotated_labels, spread_points

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gtlayout.config import ExtentConfig
+from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.plane_image import median_depth
 from gtlayout.instances import Instance, Plane
 from gtlayout.planes.evidence import prefer_visible

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from typing import Any
 
 from gtlayout.colors import instance_colors, sigma_full
-from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import floor_plan
@@ -16,7 +15,8 @@ from gtlayout.export.plan_drawing import draw
 from gtlayout.export.svg import svg_text
 from gtlayout.geometry.plane_image import median_depth
 from gtlayout.layout import Layout
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
+from gtlayout.quality.config import QualityConfig
 from gtlayout.report.frames import key_frame_data
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.report.room_view import room_view

@@ -7,14 +7,14 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gtlayout.config import QualityConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.io import load_scene
 from gtlayout.io.files import read_json, write_atomic
 from gtlayout.io.layout_files import package_versions, read_layout
 from gtlayout.io.refined_cameras import with_refined_cameras
 from gtlayout.method import Solution
-from gtlayout.quality import assess
+from gtlayout.quality.assess import assess
+from gtlayout.quality.config import QualityConfig
 from gtlayout.report.data import report_data
 from gtlayout.report.frames import photo
 from gtlayout.report.page import page

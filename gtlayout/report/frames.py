@@ -20,7 +20,7 @@ from gtlayout.geometry.raster import LabelImage, annotated_labels, rings_of
 from gtlayout.geometry.render import render
 from gtlayout.io.images import encoded, read_rgb
 from gtlayout.layout import Layout
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.scene import OPENINGS, ImageArray, Scene
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Failure, Record, scene_folder
 from gtlayout.batch.run_folder import Run
-from gtlayout.config import QualityConfig
 from gtlayout.io.files import printable
+from gtlayout.quality.config import QualityConfig
 from gtlayout.report.histogram import histogram
 from gtlayout.report.plain import finite
 from gtlayout.results import REPORT_FILE

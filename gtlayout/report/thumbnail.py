@@ -12,7 +12,7 @@ from gtlayout.geometry.raster import rings_of
 from gtlayout.geometry.render import render
 from gtlayout.io.images import encoded
 from gtlayout.layout import Layout
-from gtlayout.quality import Quality
+from gtlayout.quality.assess import Quality
 from gtlayout.report.frames import JPEG_QUALITY, painted, photo
 from gtlayout.scene import OPENINGS, Scene
 

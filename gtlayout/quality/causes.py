@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from gtlayout.config import QualityConfig
 from gtlayout.instances import HeldBy, Instance, Plane
+from gtlayout.quality.config import QualityConfig
 
 _WEAKER: tuple[HeldBy, ...] = ("right angles", "contact edges")
 """Evidence less direct than tracks."""

@@ -14,7 +14,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.config import ExtentConfig
+from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.scene import Camera, FloatArray

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from gtlayout.config import QualityConfig
 from gtlayout.figures import figure, is_known, percent, short
 from gtlayout.instances import Extent, Instance
+from gtlayout.quality.config import QualityConfig
+from gtlayout.quality.measures import ElementIoU, InstanceQuality, Measures
 from gtlayout.scene import Scene
-
-if TYPE_CHECKING:
-    from gtlayout.quality import ElementIoU, InstanceQuality, Measures
 
 Word = Literal["trust", "check", "redo"]
 """Use it as it is; look at what is named before it is used; not usable without new drawings or cameras."""

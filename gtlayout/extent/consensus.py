@@ -1,0 +1,103 @@
+"""What most key frames say an instance covers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, unproject
+from gtlayout.geometry.polygons import half_plane, polygons
+from gtlayout.instances import Instance, Plane, PlaneFrame
+from gtlayout.scene import Camera, FloatArray, IntArray, Scene
+
+_GRID_PX = 1e-9
+_STRAIGHT_STEPS = 1e3
+"""A corner so near to the line through its neighbours (some micrometres in a room) is none."""
+
+
+def consensus(
+    scene: Scene,
+    instances: Sequence[Instance],
+    index: int,
+    planes: Sequence[Plane],
+    frame: PlaneFrame,
+    max_depth: float,
+    grid: float,
+    config: ExtentConfig,
+) -> BaseGeometry:
+    """What most key frames say an instance covers, in its plane's frame.
+
+    The paper takes the union of the polygons of all key frames: every slip of a hand or a camera then adds to it. Here
+    all polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see
+    something else there, on or behind the plane, than see the instance. Something in front may hide it: no vote.
+    """
+    plane, host = planes[index], instances[index].host
+    own = {member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members}
+    instance_of = {member: i for i, one in enumerate(instances) for member in one.members}
+    seen, contradicted = [], []
+    for k, key_frame in enumerate(scene.key_frames):
+        camera = scene.frame_of(k).camera
+        mine = shapely.union_all([element.amodal for e, element in enumerate(key_frame.elements) if (k, e) in own])
+        seen.append(_lift(mine, plane, camera, frame, max_depth, config))
+        for e, element in enumerate(key_frame.elements):
+            other = instance_of.get((k, e))
+            if other is None or (k, e) in own or not (planes[other].observable or other == host):
+                continue
+            # On a fine grid, and repaired: neighbours drawn with the same corners leave needles that GEOS trips over.
+            region = polygons(shapely.difference(element.amodal, mine, grid_size=_GRID_PX))
+            if other != host and not region.is_empty:
+                not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
+                    planes[other], camera
+                )
+                region = region.intersection(half_plane(not_nearer, region))
+            contradicted.append(_lift(region, plane, camera, frame, max_depth, config))
+    if all(region.is_empty for region in seen):
+        return MultiPolygon()
+    # Two frames' boundaries may run on top of each other: on a grid they cross cleanly, and no face is lost.
+    lines = shapely.union_all([region.boundary for region in seen + contradicted], grid_size=grid)
+    faces = shapely.get_parts(shapely.polygonize([lines]))
+    inside = shapely.get_coordinates(shapely.point_on_surface(faces))
+    votes = _count(seen, inside)
+    return shapely.union_all(faces[(votes > 0) & (votes >= _count(contradicted, inside))], grid_size=grid)
+
+
+def _lift(
+    region_px: BaseGeometry, plane: Plane, camera: Camera, frame: PlaneFrame, max_depth: float, config: ExtentConfig
+) -> MultiPolygon:
+    """An image region on the plane, in its frame."""
+    clipped = clip_to_plane(region_px, plane, camera, max_depth, config.min_horizon_px)
+    return polygons(shapely.transform(clipped, lambda px: frame.to_plane(unproject(px, plane, camera))))
+
+
+def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
+    """(N,) in how many of the regions each point lies."""
+    count = np.zeros(len(points), dtype=np.int64)
+    for region in regions:
+        count += shapely.contains_xy(region, points)
+    return count
+
+
+def straight(geometry: BaseGeometry, grid: float) -> MultiPolygon:
+    """The polygonal part of a geometry without corners on straight lines, its corners in an order of their own.
+
+    Overlays leave such corners by chance; whatever goes on from here has the same to go on with.
+    """
+    return polygons(shapely.normalize(shapely.simplify(polygons(geometry), _STRAIGHT_STEPS * grid)))
+
+
+def tidy(geometry: BaseGeometry, grid: float, config: ExtentConfig) -> MultiPolygon:
+    """Without the tiny pieces and holes that hand-drawn neighbours leave."""
+    parts = straight(geometry, grid)
+    least = config.min_piece * parts.area
+    return MultiPolygon(
+        [
+            Polygon(part.exterior, [hole for hole in part.interiors if Polygon(hole).area >= least])
+            for part in parts.geoms
+            if part.area >= least
+        ]
+    )

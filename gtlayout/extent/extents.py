@@ -1,0 +1,71 @@
+"""Stage 5: the finite part of its plane that each element covers (paper 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from shapely import MultiPolygon
+
+from gtlayout.edges import ContactEdge
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.consensus import consensus, tidy
+from gtlayout.extent.known_part import known_part
+from gtlayout.extent.refine import refine, unproject_edges
+from gtlayout.geometry.plane_image import median_depth
+from gtlayout.geometry.polygons import grid_for
+from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
+from gtlayout.scene import Camera, Scene
+
+
+def compute_extents(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    edges: Sequence[ContactEdge],
+    config: ExtentConfig,
+) -> tuple[Extent, ...]:
+    """Each instance's extent: the union of its unprojected polygons, refined to the planes it touches.
+
+    A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable
+    planes get empty regions. An extent ends where the depth is unknown.
+    """
+    depth = median_depth(scene, instances, planes)
+    max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
+    frames = [_plane_frame(plane, scene) for plane in planes]
+    drawn = [
+        tidy(consensus(scene, instances, i, planes, frames[i], max_depth, grid, config), grid, config)
+        if planes[i].observable
+        else MultiPolygon()
+        for i in range(len(instances))
+    ]
+    unrefined = [
+        _ended(region, plane, frame, [scene.frame_of(k).camera for k, _ in instance.members], grid, config)
+        for region, plane, frame, instance in zip(drawn, planes, frames, instances, strict=True)
+    ]
+    touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
+    regions = [
+        tidy(
+            refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], grid, config),
+            grid,
+            config,
+        )
+        for i, region in enumerate(unrefined)
+    ]
+    unknown = [max(all_of_it.area - rest.area, 0.0) for all_of_it, rest in zip(drawn, unrefined, strict=True)]
+    return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, unknown, strict=True))
+
+
+def _ended(
+    region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], grid: float, config: ExtentConfig
+) -> MultiPolygon:
+    """The region without what may be anywhere; ``cameras`` are those it was drawn in."""
+    known = known_part(region, plane, frame, cameras, config)
+    return region if known is region else tidy(known, grid, config)
+
+
+def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:
+    """A frame whose origin lies opposite the cameras' mean position, so that coordinates stay small."""
+    centre = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
+    origin = centre - (plane.normal @ centre + plane.d) * plane.normal
+    return PlaneFrame.across(plane.normal, origin)
