@@ -26,7 +26,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import evaluate
 from gtlayout.extent.extents import compute_extents
 from gtlayout.instances import Instance, Mesh, Plane
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import restart_tracks
 from gtlayout.planes.estimation import estimate

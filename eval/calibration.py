@@ -24,8 +24,8 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_atomic
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import Truth, read_truth
 from gtlayout.method import Solution, solve
 from gtlayout.quality.depth import centroid_of_largest

@@ -16,15 +16,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from shapely.affinity import scale as scaled
 
-from gtlayout.io import SCENE_FILE, load_scene
-from gtlayout.io.annotation_files import NATIVE_FILE
-from gtlayout.io.exports import JPEG_QUALITY
+from gtlayout.io.annotations.annotation_files import NATIVE_FILE
+from gtlayout.io.annotations.native import write_annotations
+from gtlayout.io.cameras.nerfstudio import FILE_NAME as TRANSFORMS_FILE
+from gtlayout.io.cameras.nerfstudio import write_transforms
 from gtlayout.io.files import write_atomic, write_json_atomic
-from gtlayout.io.images import encoded, read_rgb, stored_bgr
-from gtlayout.io.native import write_annotations
-from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
-from gtlayout.io.nerfstudio import write_transforms
-from gtlayout.io.video import Video
+from gtlayout.io.pixels.images import encoded, read_rgb, stored_bgr
+from gtlayout.io.pixels.video import Video
+from gtlayout.io.scene_folder import SCENE_FILE, load_scene
+from gtlayout.io.writing.exports import JPEG_QUALITY
 from gtlayout.scene import Camera, Element, Frame, KeyFrame, Scene, VideoFrame
 from variants import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
 from variants import with_key_frames as keep_key_frames

@@ -19,8 +19,8 @@ import cv2
 from clip_forms import forms
 from degradations import degradations
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.processes import single_threaded
 from gtlayout.scene import Scene
 from metrics import FORMAT, read_rows

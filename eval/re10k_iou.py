@@ -15,8 +15,8 @@ from cyclopts import Parameter
 from command_line import Jobs, exit_status, new_app
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Instance
-from gtlayout.io import load_scene
-from gtlayout.io.room_structure import FILE_NAME, RoomStructure, read_room_structure
+from gtlayout.io.cad_estate.room_structure import FILE_NAME, RoomStructure, read_room_structure
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.quality.config import QualityConfig
 from gtlayout.quality.reprojection import element_ious, mean_by_frame
 from gtlayout.scene import Scene

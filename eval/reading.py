@@ -21,14 +21,17 @@ from cyclopts.validators import Number
 from shapely import MultiPolygon, Polygon
 
 from command_line import exit_status, new_app
-from gtlayout.io import coco, cvat, labelme, load_scene, native
-from gtlayout.io.coco import write_coco
-from gtlayout.io.cvat_export import write_cvat
-from gtlayout.io.images import read_rgb
-from gtlayout.io.key_frames import build_key_frames
-from gtlayout.io.labelme import write_labelme
-from gtlayout.io.native import write_annotations
-from gtlayout.io.re10k import write_re10k
+from gtlayout.io.annotations import labelme, native
+from gtlayout.io.annotations.coco import reader as coco
+from gtlayout.io.annotations.coco.reader import write_coco
+from gtlayout.io.annotations.cvat import reader as cvat
+from gtlayout.io.annotations.cvat.writer import write_cvat
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.labelme import write_labelme
+from gtlayout.io.annotations.native import write_annotations
+from gtlayout.io.cameras.re10k import write_re10k
+from gtlayout.io.pixels.images import read_rgb
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, Reader
 from gtlayout.scene import LABELS, Camera, Element, Frame, ImageArray, KeyFrame
 from gtlayout.synth import SynthConfig, synthesize

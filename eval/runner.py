@@ -20,8 +20,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.scenes import has_cameras
 from gtlayout.errors import GtlayoutError, one_line
-from gtlayout.io import CAMERA_READERS
 from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.io.scene_folder import CAMERA_READERS
 from gtlayout.processes import single_threaded
 from metrics import FORMAT, Metric, read_rows
 

@@ -23,7 +23,7 @@ from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_serie
 from command_line import GTLAYOUT, exit_status, new_app
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import Solution, solve
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimation import optimise

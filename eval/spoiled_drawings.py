@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.io.outlines import polygonal
+from gtlayout.io.annotations.outlines import polygonal
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame
 
 BESIDE_PX = 3.0

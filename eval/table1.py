@@ -10,7 +10,7 @@ from pathlib import Path
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation import evaluate
-from gtlayout.io import ANNOTATION_READERS, load_scene
+from gtlayout.io.scene_folder import ANNOTATION_READERS, load_scene
 from gtlayout.method import solve
 from metrics import Metric, write_tables
 from runner import Measure, SceneRows, errors_of, find_scenes, run_scenes

@@ -14,8 +14,8 @@ import numpy as np
 
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_all_atomic
+from gtlayout.io.scene_folder import load_scene
 from measure_variant import VARIANTS, measured_apart
 from metrics import Metric, csv_table, markdown_table, mean_over, write_tables
 from plots import by_variant

@@ -5,9 +5,9 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from gtlayout.io import load_scene
 from gtlayout.io.layout_files import read_layout, write_results
 from gtlayout.io.refined_cameras import with_refined_cameras
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import Solution
 from gtlayout.results import FOLDER

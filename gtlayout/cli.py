@@ -138,7 +138,7 @@ def check(scene_dir: SceneDir, /) -> int:
         The scene folder.
     """
     from gtlayout.check import contents, suspicions
-    from gtlayout.io import load_scene
+    from gtlayout.io.scene_folder import load_scene
 
     scene = load_scene(scene_dir)
     with progress_bars() as progress:

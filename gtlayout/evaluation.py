@@ -16,7 +16,7 @@ from gtlayout.element_scores import (
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.geometry.render import render
-from gtlayout.io.images import read_depth
+from gtlayout.io.pixels.images import read_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import assess

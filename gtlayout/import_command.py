@@ -9,8 +9,8 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gtlayout.console import print_warnings, progress_bars, stdout
-from gtlayout.io.importing import import_scene
-from gtlayout.io.labeling import label_config as read_label_config
+from gtlayout.importing.importing import import_scene
+from gtlayout.io.annotations.labeling import label_config as read_label_config
 
 NO_NEGATIVE = Parameter(negative=())
 

@@ -18,7 +18,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import annotated_labels, rings_of
 from gtlayout.geometry.render import render
 from gtlayout.instances import Extent, Instance, Mesh
-from gtlayout.io.images import encoded, read_rgb
+from gtlayout.io.pixels.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.observer import Observer
 from gtlayout.planes.estimation import Estimate

@@ -76,7 +76,7 @@ class Camera:
 
 
 class VideoSource(Protocol):
-    """A video file, read by ``gtlayout.io.video``."""
+    """A video file, read by ``gtlayout.io.pixels.video``."""
 
     path: Path
 
@@ -121,7 +121,7 @@ class Frame:
     register_depth: Callable[[npt.NDArray[np.uint16]], npt.NDArray[np.uint16]] | None = None
     """Resamples the depth map, which has a camera of its own, to ``camera``; None when it is like the image file."""
     video: VideoFrame | None = None
-    """Where the pixels are when there is no image file; read with ``gtlayout.io.images`` like any other."""
+    """Where the pixels are when there is no image file; read with ``gtlayout.io.pixels.images`` like any other."""
 
 
 @dataclass(frozen=True)

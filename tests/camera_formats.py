@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gtlayout.io.colmap import write_colmap
+from gtlayout.io.cameras.colmap.reader import write_colmap
 from gtlayout.scene import Camera, FloatArray, Frame
 
 WIDTH, HEIGHT = 64, 48

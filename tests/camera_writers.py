@@ -8,11 +8,11 @@ from pathlib import Path
 import cv2
 from camera_formats import FORMATS
 
-from gtlayout.io.colmap import write_colmap
-from gtlayout.io.exports import write_jpeg
+from gtlayout.io.cameras.colmap.reader import write_colmap
 from gtlayout.io.files import write_atomic
-from gtlayout.io.images import read_gray
-from gtlayout.io.scene_writers import CAMERA_WRITERS, CameraWriter
+from gtlayout.io.pixels.images import read_gray
+from gtlayout.io.writing.exports import write_jpeg
+from gtlayout.io.writing.scene_writers import CAMERA_WRITERS, CameraWriter
 from gtlayout.scene import Frame, Scene
 
 

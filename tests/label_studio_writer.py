@@ -9,8 +9,8 @@ from urllib.parse import quote
 
 import numpy as np
 
+from gtlayout.io.annotations.masks import simple_rings
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.masks import simple_rings
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
 

@@ -14,7 +14,7 @@ import benchmark_rooms
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.synth import SynthConfig
 from metrics import Metric, read_rows
 

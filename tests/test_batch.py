@@ -25,7 +25,7 @@ from gtlayout.batch.worker import Outcome
 from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import solve
 
 

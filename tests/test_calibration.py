@@ -15,8 +15,8 @@ from calibration import Row
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.method import Solution, solve
 from metrics import Metric, read_rows

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from camera_formats import FORMATS, HEIGHT, WIDTH, Write, cameras_in_general_position
 
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import Camera
 
 

@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
 from gtlayout.io.refined_cameras import FILE, refined_cameras_text, with_refined_cameras
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.report_table import camera_line
 from gtlayout.scene import Camera, Scene
 from gtlayout.synth.errors import CameraErrors, disturb_cameras

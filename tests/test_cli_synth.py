@@ -10,9 +10,9 @@ import pytest
 from conftest import SHARED_DATA
 
 from gtlayout.cli import main
-from gtlayout.io import load_scene
-from gtlayout.io.scene_writers import AnnotationFormat, CameraFormat
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
+from gtlayout.io.writing.scene_writers import AnnotationFormat, CameraFormat
 from gtlayout.scene import Camera
 from gtlayout.synth import SynthConfig, shoot
 from gtlayout.synth.room import make_room

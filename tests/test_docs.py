@@ -22,7 +22,7 @@ import pytest
 from gtlayout.cli import app
 from gtlayout.config import Config
 from gtlayout.instances import HeldBy, Instance, Plane, Support
-from gtlayout.io import ANNOTATION_READERS, CAMERA_READERS
+from gtlayout.io.scene_folder import ANNOTATION_READERS, CAMERA_READERS
 from gtlayout.processes import ONE_THREAD
 from gtlayout.quality.causes import causes
 from gtlayout.quality.config import QualityConfig

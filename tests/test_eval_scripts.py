@@ -21,10 +21,10 @@ import scannet_depth
 import table1
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.cad_estate_export import write_cad_estate
-from gtlayout.io.room_structure import RoomStructure
-from gtlayout.io.scene_writers import write_scene
+from gtlayout.export.cad_estate import write_cad_estate
+from gtlayout.io.cad_estate.room_structure import RoomStructure
+from gtlayout.io.scene_folder import load_scene
+from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
 from gtlayout.scene import Scene
 from gtlayout.synth import SynthConfig, synthesize

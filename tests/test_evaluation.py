@@ -22,7 +22,7 @@ from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Extent, Instance, Plane
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh

@@ -19,7 +19,7 @@ from gtlayout.export import EXPORTERS, Exporter, Format, export_layout
 from gtlayout.export.glb import y_up
 from gtlayout.geometry.render import render
 from gtlayout.instances import Extent
-from gtlayout.io.room_structure import DOOR_FLAG, WINDOW_FLAG, read_room_structure
+from gtlayout.io.cad_estate.room_structure import DOOR_FLAG, WINDOW_FLAG, read_room_structure
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.scene import Scene

@@ -15,9 +15,10 @@ from conftest import SHARED_DATA
 from label_studio_writer import write_label_studio
 
 from gtlayout.config import Config
-from gtlayout.io import SCENE_FILE, load_scene
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.scene_writers import (
+from gtlayout.io.scene_folder import SCENE_FILE, load_scene
+from gtlayout.io.truth import read_truth
+from gtlayout.io.writing.scene_writers import (
     ANNOTATION_WRITERS,
     CAMERA_WRITERS,
     METRIC_FORMATS,
@@ -27,7 +28,6 @@ from gtlayout.io.scene_writers import (
     write_scene,
     write_to,
 )
-from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
 from gtlayout.scene import OPENINGS, Scene

@@ -18,12 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import coco, labelme, native
-from gtlayout.io.cad_estate import read_masks
+from gtlayout.io.annotations import labelme, native
+from gtlayout.io.annotations.coco import reader as coco
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.masks import PNG_HEAD, decode_mask, mask_polygons
+from gtlayout.io.cad_estate.reader import read_masks
+from gtlayout.io.cad_estate.room_structure import read_room_structure
 from gtlayout.io.files import write_atomic
-from gtlayout.io.key_frames import build_key_frames
-from gtlayout.io.masks import PNG_HEAD, decode_mask, mask_polygons
-from gtlayout.io.room_structure import read_room_structure
 from gtlayout.io.sources import RawAnnotations, Reader
 from gtlayout.scene import Camera, Frame
 
@@ -302,7 +303,7 @@ def test_room_structure_that_claims_too_much(clip: Path, tmp_path: Path, monkeyp
     parts = dict(np.load(clip / "room_structure.npz"))
     bomb = tmp_path / "room_structure.npz"
     np.savez_compressed(bomb, **{**parts, "layout_triangles": np.zeros((30_000, 3, 3), np.float32)})
-    monkeypatch.setattr("gtlayout.io.room_structure.MAX_BYTES", 1_000_000)
+    monkeypatch.setattr("gtlayout.io.cad_estate.room_structure.MAX_BYTES", 1_000_000)
     with pytest.raises(GtlayoutError, match=r"room_structure\.npz is damaged .* unpacks to more than 1000000 bytes"):
         read_room_structure(bomb)
     np.savez(bomb, **parts)

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cvat import read_cvat
-from gtlayout.io.key_frames import build_key_frames
+from gtlayout.io.annotations.cvat.reader import read_cvat
+from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.scene import Camera, Frame
 
 GOOD = """<?xml version="1.0" encoding="utf-8"?>

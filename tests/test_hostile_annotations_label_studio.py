@@ -18,8 +18,8 @@ from label_studio_writer import pack, region, task
 from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.key_frames import build_key_frames
-from gtlayout.io.label_studio import read_label_studio
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.label_studio.reader import read_label_studio
 from gtlayout.scene import Camera, Frame, KeyFrame
 
 SIZE = (8, 6)

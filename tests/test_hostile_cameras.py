@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 
 EXAMPLES = settings(max_examples=25, deadline=None, derandomize=True, database=None)
 RAW = "@raw@"

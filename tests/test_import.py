@@ -16,13 +16,13 @@ from videos import write_video
 
 from gtlayout.cli import main
 from gtlayout.config import Config
-from gtlayout.io import load_scene
-from gtlayout.io.colmap import write_colmap
-from gtlayout.io.cvat_export import write_cvat
-from gtlayout.io.images import read_depth, read_gray, read_rgb
-from gtlayout.io.metric_scale import scaled
-from gtlayout.io.scene_writers import write_scene
+from gtlayout.importing.metric_scale import scaled
+from gtlayout.io.annotations.cvat.writer import write_cvat
+from gtlayout.io.cameras.colmap.reader import write_colmap
+from gtlayout.io.pixels.images import read_depth, read_gray, read_rgb
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
+from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
 from gtlayout.scene import LABELS, Scene
 from gtlayout.synth import SynthConfig, synthesize

@@ -13,7 +13,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from gtlayout.canonical import canonical
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import Solution, solve
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 

@@ -12,8 +12,8 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.native import write_annotations
+from gtlayout.io.annotations.native import write_annotations
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import Element, KeyFrame
 
 Edit = Callable[[Path, Callable[[Any], object]], None]

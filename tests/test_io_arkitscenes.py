@@ -13,8 +13,8 @@ import pytest
 from camera_formats import arkitscenes, cameras_in_general_position
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.images import read_depth
+from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import FloatArray
 
 SCAN = "42446103"

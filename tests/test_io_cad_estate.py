@@ -16,14 +16,14 @@ from scene_checks import assert_one_camera_skipped
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.export.cad_estate import write_cad_estate
 from gtlayout.geometry.raster import fill, rings_of
-from gtlayout.io import load_scene
-from gtlayout.io.cad_estate import read_frames
-from gtlayout.io.cad_estate_export import write_cad_estate
-from gtlayout.io.masks import mask_polygons
-from gtlayout.io.room_structure import RoomStructure, read_room_structure, write_room_structure
-from gtlayout.io.scene_writers import write_scene
+from gtlayout.io.annotations.masks import mask_polygons
+from gtlayout.io.cad_estate.reader import read_frames
+from gtlayout.io.cad_estate.room_structure import RoomStructure, read_room_structure, write_room_structure
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
+from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.scene import BoolArray, Element, FloatArray, Scene

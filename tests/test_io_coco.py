@@ -20,10 +20,10 @@ from shapely import MultiPolygon, Polygon
 from tools_env import run_tool
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.coco import READER, read_coco, write_coco
-from gtlayout.io.coco_rle import decompressed, rle_rings
+from gtlayout.io.annotations.coco.reader import READER, read_coco, write_coco
+from gtlayout.io.annotations.coco.rle import decompressed, rle_rings
 from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawShape
 from gtlayout.scene import BoolArray, Element, KeyFrame
 

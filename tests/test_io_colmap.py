@@ -11,9 +11,9 @@ import pycolmap
 import pytest
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.colmap import read_colmap
-from gtlayout.io.undistort import undistortion
+from gtlayout.io.cameras.colmap.reader import read_colmap
+from gtlayout.io.cameras.undistort import undistortion
+from gtlayout.io.scene_folder import load_scene
 
 WIDTH, HEIGHT = 64, 48
 SMALL: dict[str, float] = {

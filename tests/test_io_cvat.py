@@ -13,10 +13,10 @@ from shapely import MultiPolygon, Polygon
 from tools_env import run_tool
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.cvat import read_cvat
-from gtlayout.io.cvat_export import write_cvat
-from gtlayout.io.key_frames import build_key_frames
+from gtlayout.io.annotations.cvat.reader import read_cvat
+from gtlayout.io.annotations.cvat.writer import write_cvat
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawShape
 from gtlayout.scene import Camera, Element, Frame, KeyFrame
 

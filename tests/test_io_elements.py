@@ -12,14 +12,14 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.annotation_files import AnnotationKind, files_of_kind
-from gtlayout.io.elements import DrawnElement, DrawnVisible, assemble
-from gtlayout.io.frame_names import FrameFinder
-from gtlayout.io.key_frames import build_key_frames
-from gtlayout.io.labels import Kind, label_meanings, meaning, read_label_file
+from gtlayout.io.annotations.annotation_files import AnnotationKind, files_of_kind
+from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
+from gtlayout.io.annotations.frame_names import FrameFinder
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.labels import Kind, label_meanings, meaning, read_label_file
+from gtlayout.io.pixels.video import Video
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape
-from gtlayout.io.video import Video
 from gtlayout.scene import Frame, Label, VideoFrame
 
 

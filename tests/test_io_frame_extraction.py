@@ -10,7 +10,7 @@ import pytest
 from videos import number_in, pictures, write_video
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.frame_extraction import extract_frames, frame_name, sharpness, time_of
+from gtlayout.importing.frame_extraction import extract_frames, frame_name, sharpness, time_of
 from gtlayout.scene import ImageArray
 
 COUNT = 30

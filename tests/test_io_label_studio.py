@@ -14,9 +14,9 @@ from shapely import MultiPolygon, Polygon
 from tools_env import run_tool
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.key_frames import build_key_frames
-from gtlayout.io.label_studio import image_name, read_label_studio
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.label_studio.reader import image_name, read_label_studio
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawShape
 from gtlayout.scene import Element, FloatArray, KeyFrame
 

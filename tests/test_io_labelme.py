@@ -16,8 +16,8 @@ from scene_checks import assert_same_drawings
 from shapely import Polygon
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.labelme import READER, read_labelme, write_labelme
+from gtlayout.io.annotations.labelme import READER, read_labelme, write_labelme
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawShape
 from gtlayout.scene import Frame, KeyFrame
 

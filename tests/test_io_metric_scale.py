@@ -13,11 +13,11 @@ import pycolmap
 import pytest
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.images import read_depth
-from gtlayout.io.known_distance import scale_from_distance
-from gtlayout.io.metric_scale import SparseDepths, scale_from_depth, scaled, sparse_depths
-from gtlayout.io.undistort import Undistortion
+from gtlayout.importing.known_distance import scale_from_distance
+from gtlayout.importing.metric_scale import SparseDepths, scale_from_depth, scaled, sparse_depths
+from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import FloatArray, Frame, Scene
 
 METRES_PER_UNIT = 2.7

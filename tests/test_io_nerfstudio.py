@@ -13,9 +13,9 @@ import pytest
 from scene_checks import assert_one_camera_skipped
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.images import read_depth
-from gtlayout.io.nerfstudio import read_transforms
+from gtlayout.io.cameras.nerfstudio import read_transforms
+from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.scene_folder import load_scene
 
 Edit = Callable[[Path, Callable[[Any], object]], None]
 LENS = ("fl_x", "fl_y", "cx", "cy", "w", "h")

@@ -14,8 +14,8 @@ import pytest
 from camera_formats import cameras_in_general_position, polycam
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.images import read_depth
+from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.scene_folder import load_scene
 
 STEMS = [str(262195552056 + 1000 * i) for i in range(5)]
 

@@ -13,12 +13,12 @@ import pytest
 from scene_checks import assert_one_camera_skipped
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.images import read_depth
-from gtlayout.io.registration import Pinhole, Registration
-from gtlayout.io.scannet import write_scannet
-from gtlayout.io.scene_writers import write_scene
+from gtlayout.io.cameras.registration import Pinhole, Registration
+from gtlayout.io.cameras.scannet import write_scannet
+from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
+from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.scene import Scene
 
 SENSOR = Pinhole(np.array([[33.0, 0, 17.25], [0, 29.0, 11.5], [0, 0, 1]]), 34, 23)

@@ -16,10 +16,10 @@ import pytest
 from scene_checks import assert_one_camera_skipped
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.colmap import write_colmap
-from gtlayout.io.images import read_depth, read_gray, read_rgb
-from gtlayout.io.nerfstudio import write_transforms
+from gtlayout.io.cameras.colmap.reader import write_colmap
+from gtlayout.io.cameras.nerfstudio import write_transforms
+from gtlayout.io.pixels.images import read_depth, read_gray, read_rgb
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import Camera, Frame, Scene
 
 Edit = Callable[[Path, Callable[[Any], object]], None]

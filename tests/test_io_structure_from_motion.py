@@ -13,10 +13,16 @@ import pytest
 from videos import write_video
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.frame_extraction import Extraction, extract_frames
-from gtlayout.io.sfm_verdict import Matching, no_model, spans, weaknesses
-from gtlayout.io.structure_from_motion import STRAIGHTENED, SfmResult, median_parallax_deg, pairs_to_match, reconstruct
+from gtlayout.importing.frame_extraction import Extraction, extract_frames
+from gtlayout.importing.sfm_verdict import Matching, no_model, spans, weaknesses
+from gtlayout.importing.structure_from_motion import (
+    STRAIGHTENED,
+    SfmResult,
+    median_parallax_deg,
+    pairs_to_match,
+    reconstruct,
+)
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray, ImageArray
 from gtlayout.synth import SynthConfig, synthesize

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gtlayout.io.timestamps import common_offset_s, distances_s, match_times
+from gtlayout.io.cameras.timestamps import common_offset_s, distances_s, match_times
 
 
 def test_each_takes_the_nearest_within_the_tolerance() -> None:

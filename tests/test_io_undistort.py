@@ -11,9 +11,9 @@ import pycolmap
 import pytest
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.images import read_gray
-from gtlayout.io.undistort import Undistortion, undistortion
+from gtlayout.io.cameras.undistort import Undistortion, undistortion
+from gtlayout.io.pixels.images import read_gray
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import FloatArray
 
 WIDTH, HEIGHT, F, CX, CY = 120, 100, 110.0, 58.0, 51.5

@@ -12,7 +12,7 @@ import pytest
 from videos import HEIGHT, WIDTH, number_in, pictures, write_video
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.video import Video, _index
+from gtlayout.io.pixels.video import Video, _index
 
 COUNT = 50
 JUMPY_MS = tuple(int(t) for t in np.cumsum(np.random.default_rng(3).integers(5, 90, COUNT)))

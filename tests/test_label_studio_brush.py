@@ -13,8 +13,8 @@ from label_studio_writer import pack
 from shapely import Polygon
 from tools_env import run_tool
 
-from gtlayout.io.label_studio_brush import BrokenMaskError, decode_mask
-from gtlayout.io.label_studio_geometry import region_geometry
+from gtlayout.io.annotations.label_studio.brush import BrokenMaskError, decode_mask
+from gtlayout.io.annotations.label_studio.geometry import region_geometry
 from gtlayout.scene import BoolArray
 
 

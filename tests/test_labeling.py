@@ -12,8 +12,8 @@ import pytest
 from defusedxml import ElementTree
 from tools_env import run_tool
 
-from gtlayout.io.labeling import LABEL_FILES, LabelTool, label_config
-from gtlayout.io.labels import KINDS, label_meanings, meaning
+from gtlayout.io.annotations.labeling import LABEL_FILES, LabelTool, label_config
+from gtlayout.io.annotations.labels import KINDS, label_meanings, meaning
 from gtlayout.scene import LABELS
 
 OURS = [kind for kind in KINDS if kind != "ignored"]
@@ -66,5 +66,5 @@ def test_label_studio_accepts_its_config(tmp_path: Path) -> None:
 @pytest.mark.parametrize("tool", get_args(LabelTool))
 def test_the_wheel_holds_them(tool: LabelTool) -> None:
     project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())
-    patterns = project["tool"]["setuptools"]["package-data"]["gtlayout.io.labeling"]
+    patterns = project["tool"]["setuptools"]["package-data"]["gtlayout.io.annotations.labeling"]
     assert any(Path(LABEL_FILES[tool]).match(pattern) for pattern in patterns)

@@ -21,7 +21,7 @@ from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Mesh, Plane, PlaneFrame
-from gtlayout.io.elements import DrawnElement, DrawnVisible, assemble
+from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.mesh import build_mesh
 from gtlayout.regrouping.splits import _with_the_others
 from gtlayout.scene import FloatArray, Label, Scene

@@ -20,9 +20,9 @@ import layout2d
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.layout_files import write_results
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality.assess import assess

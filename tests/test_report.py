@@ -17,9 +17,9 @@ from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Mesh
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.layout_files import write_results
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
 from gtlayout.quality.headline import Headline, Word

@@ -14,7 +14,7 @@ from browser import served
 from playwright.sync_api import Page
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import Solution, solve
 from gtlayout.report import PLOTLY_FILE, plotly_file, solved_page, thumbnail
 from gtlayout.synth import SynthConfig, synthesize

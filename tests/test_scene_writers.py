@@ -14,11 +14,11 @@ from shapely import MultiPolygon, box
 from videos import write_video
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.exports import write_depth
-from gtlayout.io.images import decode, read_depth, read_gray, read_rgb
-from gtlayout.io.scene_writers import AnnotationFormat, CameraFormat, write_scene
-from gtlayout.io.video import Video
+from gtlayout.io.pixels.images import decode, read_depth, read_gray, read_rgb
+from gtlayout.io.pixels.video import Video
+from gtlayout.io.scene_folder import load_scene
+from gtlayout.io.writing.exports import write_depth
+from gtlayout.io.writing.scene_writers import AnnotationFormat, CameraFormat, write_scene
 from gtlayout.scene import Scene, VideoFrame
 
 CAMERA_FORMATS: tuple[CameraFormat, ...] = get_args(CameraFormat)

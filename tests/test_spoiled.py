@@ -17,8 +17,8 @@ import spoiled_cameras
 import spoiled_drawings
 from degradations import degradations, kind_of
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Label, Scene
 from spoiled_cameras import path_length

@@ -14,7 +14,7 @@ from shapely import Point, Polygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Camera, FloatArray
 from gtlayout.synth import SynthConfig, shoot, synthesize

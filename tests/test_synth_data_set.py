@@ -11,7 +11,7 @@ import pytest
 
 from gtlayout.cli import main
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.synth import SynthConfig, synthesize
 from gtlayout.synth.data_set import make_data_set, make_rooms, varied
 from gtlayout.synth.levels import CLEAN, POOR, TYPICAL

@@ -14,8 +14,8 @@ from conftest import SHARED_DATA
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
-from gtlayout.io.re10k import Re10kCamera, read_cameras
+from gtlayout.io.cameras.re10k import Re10kCamera, read_cameras
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import FloatArray
 from gtlayout.synth import Shot, SynthConfig, shoot
 from gtlayout.synth.motion import CameraPath, drift, looking

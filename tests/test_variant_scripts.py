@@ -13,7 +13,7 @@ import degraded
 import real_clips
 import variant_tables
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.synth import SynthConfig, synthesize
 from measure_variant import VARIANTS
 from metrics import Metric, read_rows

@@ -16,9 +16,9 @@ from clip_forms import forms, sources_by_id, write_video
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.instances import Mesh, Plane
-from gtlayout.io import load_scene
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.images import read_rgb
+from gtlayout.io.pixels.images import read_rgb
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
 from gtlayout.quality.measures import InstanceQuality, Verdict

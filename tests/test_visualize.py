@@ -16,7 +16,7 @@ from web_viewer import web_viewer
 from gtlayout.blueprint import blueprint
 from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.config import Config
-from gtlayout.io import load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import Solution, solve
 from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray

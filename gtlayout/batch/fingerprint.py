@@ -12,7 +12,7 @@ from pathlib import Path
 
 import gtlayout
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cad_estate import image_folder
+from gtlayout.io.cad_estate.reader import image_folder
 from gtlayout.io.layout_files import package_versions
 from gtlayout.results import FOLDER
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import CAMERA_READERS
-from gtlayout.io.annotation_files import kinds_in
+from gtlayout.io.annotations.annotation_files import kinds_in
+from gtlayout.io.scene_folder import CAMERA_READERS
 from gtlayout.results import FOLDER
 
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.images import read_gray
+from gtlayout.io.pixels.images import read_gray
 from gtlayout.scene import FloatArray, ImageArray, Scene
 from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.klt import KltTracker

@@ -9,7 +9,7 @@ from gtlayout.check.motion import median_parallax_deg
 from gtlayout.check.two_views import middle_inverse_depth, triangulate_pair
 from gtlayout.errors import GtlayoutError
 from gtlayout.figures import short
-from gtlayout.io.images import read_depth
+from gtlayout.io.pixels.images import read_depth
 from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import Scene
 

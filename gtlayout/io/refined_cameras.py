@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.cameras.nerfstudio import file_path, read_transforms, transforms
 from gtlayout.io.files import json_text
-from gtlayout.io.nerfstudio import file_path, read_transforms, transforms
 from gtlayout.scene import Scene
 
 FILE = "cameras.json"

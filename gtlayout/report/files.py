@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import load_scene
 from gtlayout.io.files import read_json, write_atomic
 from gtlayout.io.layout_files import package_versions, read_layout
 from gtlayout.io.refined_cameras import with_refined_cameras
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import Solution
 from gtlayout.quality.assess import assess
 from gtlayout.quality.config import QualityConfig

@@ -18,7 +18,7 @@ from gtlayout.colors import instance_colors
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import LabelImage, annotated_labels, rings_of
 from gtlayout.geometry.render import render
-from gtlayout.io.images import encoded, read_rgb
+from gtlayout.io.pixels.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.report.plain import data_uri, finite

@@ -10,7 +10,7 @@ import numpy as np
 from gtlayout.colors import instance_colors
 from gtlayout.geometry.raster import rings_of
 from gtlayout.geometry.render import render
-from gtlayout.io.images import encoded
+from gtlayout.io.pixels.images import encoded
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.report.frames import JPEG_QUALITY, painted, photo

@@ -10,7 +10,7 @@ from cyclopts import Group, Parameter
 from cyclopts.validators import Number
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.scene_writers import AnnotationFormat, CameraFormat
+from gtlayout.io.writing.scene_writers import AnnotationFormat, CameraFormat
 from gtlayout.synth.errors import AnnotatorErrors, CameraErrors, NotNegative, Share
 from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import RoomKind

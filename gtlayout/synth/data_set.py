@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.cameras.re10k import read_cameras
 from gtlayout.io.files import read_json, write_json_atomic
-from gtlayout.io.re10k import read_cameras
 from gtlayout.processes import in_processes
 from gtlayout.synth.config import SynthConfig
 from gtlayout.synth.errors import AnnotatorErrors, CameraErrors

@@ -12,7 +12,7 @@ from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.re10k import Re10kCamera
+from gtlayout.io.cameras.re10k import Re10kCamera
 from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.synth.motion import CameraPath, looking, sway
 from gtlayout.synth.room import Room

@@ -10,16 +10,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from gtlayout.io import SCENE_FILE, load_scene
-from gtlayout.io.annotation_files import NATIVE_FILE
+from gtlayout.io.annotations.annotation_files import NATIVE_FILE
+from gtlayout.io.annotations.native import write_annotations
+from gtlayout.io.cameras.nerfstudio import FILE_NAME as TRANSFORMS_FILE
+from gtlayout.io.cameras.nerfstudio import write_transforms
+from gtlayout.io.cameras.re10k import read_cameras
 from gtlayout.io.files import new_folder, write_atomic, write_json_atomic
-from gtlayout.io.images import encoded
-from gtlayout.io.native import write_annotations
-from gtlayout.io.nerfstudio import FILE_NAME as TRANSFORMS_FILE
-from gtlayout.io.nerfstudio import write_transforms
-from gtlayout.io.re10k import read_cameras
-from gtlayout.io.scene_writers import write_scene
+from gtlayout.io.pixels.images import encoded
+from gtlayout.io.scene_folder import SCENE_FILE, load_scene
 from gtlayout.io.truth import FILE as TRUTH_FILE
+from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame
 from gtlayout.synth.annotate import annotate
 from gtlayout.synth.config import HFOV_DEG, SynthConfig

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.images import read_gray
+from gtlayout.io.pixels.images import read_gray
 from gtlayout.scene import ImageArray, Scene
 
 

@@ -1,0 +1,105 @@
+"""From a video file to a folder of images: the sharpest frame of every stretch of time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+import cv2
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.files import write_atomic
+from gtlayout.io.pixels.video import Video
+from gtlayout.scene import FloatArray, ImageArray
+
+JPEG_QUALITY = 95
+SHARPNESS_PX = 640
+"""Sharpness is judged on images no longer than this: finer detail is mostly noise and coding."""
+ON_THE_EDGE = 1e-6
+"""A frame this share of a window before its end belongs to the next: presentation times are rounded."""
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """The images taken from a video."""
+
+    names: tuple[str, ...]
+    """File names in the order of time; ``time_of`` reads them."""
+    video_frames: tuple[int, ...]
+    """Which frame of the video each of them is."""
+    warnings: tuple[str, ...]
+
+
+def extract_frames(
+    video: Path,
+    folder: Path,
+    rate_hz: float,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Extraction:
+    """Write the sharpest frame of each 1 / ``rate_hz`` seconds of ``video`` into ``folder`` (made if absent).
+
+    A video with fewer frames a second gives all it has. One frame at a time is held. ``progress`` is told (frames
+    seen, frames in all). Raises GtlayoutError when the rate is no positive number, the video cannot be read, or the
+    folder cannot be written.
+    """
+    if not 0 < rate_hz < math.inf:
+        raise GtlayoutError(f"frames per second must be a positive number, not {rate_hz}")
+    source = Video(video)
+    times_s = source.times_s
+    names, chosen, seen = [], [], 0
+    for index, image, decoded in _sharpest(source.frames(), times_s, rate_hz):
+        names.append(frame_name(float(times_s[index])))
+        chosen.append(index)
+        seen += decoded
+        write_atomic(folder / names[-1], _jpeg(image))
+        progress(index + 1, len(times_s))
+    if not names:
+        raise GtlayoutError(f"{video}: no frame can be decoded")
+    progress(len(times_s), len(times_s))
+    lost = len(times_s) - seen
+    warnings = (f"{video}: {lost} of {len(times_s)} frames cannot be decoded and were passed over",) if lost else ()
+    return Extraction(tuple(names), tuple(chosen), warnings)
+
+
+def frame_name(time_s: float) -> str:
+    """``000012345678.jpg`` for 12.345678 s: microseconds, so that names sort by time."""
+    return f"{round(time_s * 1e6):012d}.jpg"
+
+
+def time_of(name: str) -> float | None:
+    """Seconds within the video that ``frame_name`` wrote into a name; None for any other name."""
+    stem = Path(name).stem
+    return int(stem) / 1e6 if len(stem) >= 12 and stem.isascii() and stem.isdecimal() else None
+
+
+def sharpness(image: ImageArray) -> float:
+    """Variance of the Laplacian of an (H, W, 3) BGR image, grey and reduced; comparable for one scene and size."""
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    shrink = SHARPNESS_PX / max(gray.shape)
+    if shrink < 1:
+        gray = cv2.resize(gray, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    return float(cv2.Laplacian(gray, cv2.CV_32F).var())
+
+
+def _sharpest(
+    frames: Iterator[tuple[int, ImageArray]], times_s: FloatArray, rate_hz: float
+) -> Iterator[tuple[int, ImageArray, int]]:
+    """Index and pixels of the sharpest frame of each window that has one, and how many it was chosen from."""
+    for _, window in groupby(frames, key=lambda frame: math.floor(times_s[frame[0]] * rate_hz + ON_THE_EDGE)):
+        decoded, most = 0, -1.0
+        for index, image in window:
+            decoded += 1
+            found = sharpness(image)
+            if found > most:
+                most, best_index, best_image = found, index, image
+        yield best_index, best_image, decoded
+
+
+def _jpeg(image: ImageArray) -> bytes:
+    ok, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    if not ok:
+        raise GtlayoutError(f"a frame of {image.shape[1]}x{image.shape[0]} px is too large for JPEG")
+    return data.tobytes()

@@ -1,0 +1,151 @@
+"""From whatever there is to a scene folder in the native form: undistorted; with cameras found and a unit, if asked."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pycolmap
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.importing.frame_extraction import extract_frames
+from gtlayout.importing.known_distance import scale_from_distance
+from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
+from gtlayout.importing.structure_from_motion import reconstruct
+from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
+from gtlayout.io.cameras.frames import natural
+from gtlayout.io.files import new_folder
+from gtlayout.io.pixels.images import read_rgb
+from gtlayout.io.scene_folder import load_scene, scene_of
+from gtlayout.io.sources import PosedImages
+from gtlayout.io.writing.scene_writers import write_scene
+from gtlayout.observer import Observer
+from gtlayout.scene import Frame, Scene
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A scene as it was read, before it was written."""
+
+    scene: Scene
+    told: tuple[str, ...]
+    """What was found out on the way, a line each."""
+
+
+def import_scene(
+    source: Path,
+    out: Path,
+    annotations: Path | None,
+    *,
+    rate_hz: float | None,
+    depth_scale: Path | None,
+    known_distance: Path | None,
+    observer: Observer,
+) -> Imported:
+    """Write what ``source`` holds to the new scene folder ``out``: all of it or nothing.
+
+    ``source`` is a folder with cameras or, where ``rate_hz`` is given, a video (that many frames a second are taken) or
+    a folder of images, whose cameras COLMAP then finds. ``depth_scale`` and ``known_distance`` are files that say how
+    long the unit is.
+
+    Raises GtlayoutError when something is missing, wrong, or cannot be found out; ``out`` is then not there.
+    """
+    if depth_scale is not None and known_distance is not None:
+        raise GtlayoutError("the unit can come from --depth-scale or from --known-distance, not from both")
+    if not source.exists():
+        raise GtlayoutError(f"no folder or video {source}")
+    if rate_hz is None and source.is_file():
+        raise GtlayoutError(f"{source} has no cameras: add --colmap, or name a folder that holds it and its cameras")
+    with new_folder(out) as filled, tempfile.TemporaryDirectory(dir=filled.parent) as work:
+        model = None
+        if rate_hz is not None:
+            scene, model, told = _with_colmap(source, annotations, rate_hz, Path(work), observer)
+        else:
+            scene, told = load_scene(source, annotations, annotated=False), ()
+        scale = None
+        if depth_scale is not None:
+            scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
+        elif known_distance is not None:
+            scale = scale_from_distance(scene, known_distance)
+        if scale is not None:
+            scene, told = _metric(scene, scale), (*told, _says(scale))
+        if rate_hz is not None or scale is not None:
+            # True planes in the folder are in the unit and the world of other cameras.
+            scene = replace(scene, root=Path(work))
+        observer.stage("writing")
+        scene = _without_unreadable(scene)
+        write_scene(scene, filled, "native", "native")
+    if not scene.key_frames:
+        told = (*told, f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}")
+    return Imported(scene, told)
+
+
+def _with_colmap(
+    source: Path, annotations: Path | None, rate_hz: float, work: Path, observer: Observer
+) -> tuple[Scene, pycolmap.Reconstruction, tuple[str, ...]]:
+    """The scene whose cameras COLMAP finds, what it found them by, and what there is to say."""
+    warnings: tuple[str, ...] = ()
+    if source.is_file():
+        root, images = work, work / "images"
+        observer.stage("frames")
+        extraction = extract_frames(source, images, rate_hz, observer.progress)
+        names, warnings = extraction.names, extraction.warnings
+    else:
+        root = source
+        images = source / "images" if (source / "images").is_dir() else source
+        names = tuple(
+            sorted((path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
+        )
+    found = reconstruct(images, names, work, observer)
+    posed = PosedImages(
+        posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
+    )
+    scene = scene_of(root, posed, annotations or root, annotated=False)
+    # Their unit is not that of the cameras just found.
+    frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
+    return replace(scene, frames=frames), found.reconstruction, (found.verdict(),)
+
+
+def _model_of(source: Path) -> pycolmap.Reconstruction:
+    models = find_models(source)
+    if len(models) != 1:
+        raise GtlayoutError(f"{source} holds no COLMAP model, whose points --depth-scale compares with: use --colmap")
+    return open_model(models[0])
+
+
+def _metric(scene: Scene, scale: Scale) -> Scene:
+    if scene.metric:
+        raise GtlayoutError(f"{scene.root} is metric already; say otherwise in its scene.json to give it another unit")
+    # Depth maps of a scene without unit are thousandths of what was its unit.
+    frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
+    return scaled(replace(scene, frames=frames), scale.factor)
+
+
+def _without_unreadable(scene: Scene) -> Scene:
+    """Without frames that cannot be read and so not be undistorted, and a warning for each."""
+    problems = {i: problem for i, frame in enumerate(scene.frames) if (problem := _unreadable(frame))}
+    kept = [i for i in range(len(scene.frames)) if i not in problems]
+    index = {old: new for new, old in enumerate(kept)}
+    return replace(
+        scene,
+        frames=tuple(scene.frames[i] for i in kept),
+        key_frames=tuple(replace(key, frame=index[key.frame]) for key in scene.key_frames if key.frame in index),
+        warnings=(*scene.warnings, *(f"{problem}: left out" for problem in problems.values())),
+    )
+
+
+def _unreadable(frame: Frame) -> str | None:
+    if frame.undistort is None and frame.video is None:
+        return None  # Its file is copied as it is.
+    try:
+        read_rgb(frame)
+    except GtlayoutError as error:
+        return str(error)
+    return None
+
+
+def _says(scale: Scale) -> str:
+    return f"metric by {scale.how}: 1 unit = {scale.factor:.4g} m ± {100 * scale.sigma_share:.1f} %"

@@ -1,0 +1,1 @@
+"""Annotations from every tool they are drawn with: one reader a file."""

@@ -1,0 +1,130 @@
+"""From annotations as drawn to key frames: labels understood, images found among the frames, elements put together."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
+from gtlayout.io.annotations.frame_names import FrameFinder
+from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
+from gtlayout.io.annotations.labels import Kind, label_meanings, meaning
+from gtlayout.io.annotations.outlines import Repairs, View, polyline, region
+from gtlayout.io.sources import RawAnnotations, RawKeyFrame
+from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
+
+MAX_STRETCH = 0.01
+"""Annotated copies of the images may have another size, but not another shape."""
+
+
+def build_key_frames(
+    annotations: RawAnnotations, frames: Sequence[Frame], without_image: Sequence[str], own_labels: Mapping[str, Kind]
+) -> tuple[tuple[KeyFrame, ...], list[str]]:
+    """Key frames in video order, and one warning per thing repaired or left out.
+
+    Left out are polygons with fewer than 3 points, without area or off the image, elements with nothing left or with an
+    unknown label, images without elements, without camera or image file (``without_image`` names cameras without), of
+    another shape than their frame, or annotated a second time. Self-crossing polygons are repaired; all is clipped to
+    the image. Raises GtlayoutError when nothing is left.
+    """
+    meanings = label_meanings(own_labels)
+    find = FrameFinder(annotations, frames, without_image)
+    repairs, unknown_labels = Repairs(), Counter[str]()
+    by_frame: dict[int, KeyFrame] = {}
+    skipped, resized = [], []
+    for raw in annotations.key_frames:
+        index = find(raw)
+        if isinstance(index, str):
+            skipped.append(f"annotated image {raw.image} {index}")
+            continue
+        if index in by_frame:
+            skipped.append(f"image {raw.image} is annotated twice, the first time counts")
+            continue
+        view = View.of(raw.image, frames[index], raw.image_size)
+        if problem := _other_shape(view):
+            skipped.append(problem)
+            continue
+        if view.annotated_size != view.file_size:
+            resized.append(view)
+        by_frame[index] = _key_frame(raw, index, view, meanings, repairs, unknown_labels)
+    file = annotations.path.name
+    warnings = [
+        *(
+            f"{file}: {n} shapes with unknown label {label!r} dropped (known: {', '.join(LABELS)}, visible, "
+            f"occlusion_edge; {LABELS_FILE} can say what others mean)"
+            for label, n in sorted(unknown_labels.items())
+        ),
+        *(f"{file}: {line}" for line in skipped),
+        *([_resized(file, resized)] if resized else []),
+        *(
+            [f"{file}: {repairs.overhanging} polygons reach beyond the image and were clipped"]
+            if repairs.overhanging
+            else []
+        ),
+        *repairs.lines,
+    ]
+    key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
+    if not key_frames:
+        why = f" ({warnings[0].removeprefix(f'{file}: ')})" if warnings else ""
+        raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
+    if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
+        warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
+    return key_frames, warnings
+
+
+def _key_frame(
+    raw: RawKeyFrame,
+    index: int,
+    view: View,
+    meanings: Mapping[str, Kind],
+    repairs: Repairs,
+    unknown_labels: Counter[str],
+) -> KeyFrame:
+    elements: list[DrawnElement] = []
+    visible: list[DrawnVisible] = []
+    edges: list[FloatArray] = []
+    for number, shape in enumerate(raw.shapes, start=1):
+        kind = meaning(shape.label, meanings)
+        where = f"{view.name}, " + (f"element {shape.id}" if shape.id else f"shape {number} ({shape.label})")
+        if kind is None:
+            unknown_labels[shape.label] += 1
+        elif kind == "occlusion_edge":
+            edges += [piece for line in shape.lines for piece in polyline(line, view, repairs)]
+            if shape.polygons:
+                repairs.lines.append(f"{where}: an occlusion edge is a polyline, the polygon was dropped")
+        elif kind != "ignored" and not shape.polygons and shape.lines:
+            repairs.lines.append(f"{where}: a polyline is no surface, dropped")
+        elif kind == "visible":
+            part = region(shape.polygons, view, f"{where}, visible part", repairs)
+            if not part.is_empty:
+                visible.append(DrawnVisible(part, shape.element, shape.group))
+        elif kind != "ignored":
+            amodal = region(shape.polygons, view, where, repairs)
+            if amodal.is_empty:
+                repairs.lines.append(f"{where}: no polygon left within the image, element dropped")
+                continue
+            seen = region(shape.visible, view, f"{where}, visible part", repairs)
+            elements.append(DrawnElement(kind, amodal, seen, shape.id, shape.group, shape.z_order))
+    assembled, notes = assemble(elements, visible)
+    repairs.lines += [f"{view.name}: {note}" for note in notes]
+    if not assembled:
+        repairs.lines.append(f"{view.name}: no element annotated, not used as a key frame")
+    return KeyFrame(index, assembled, tuple(edges))
+
+
+def _other_shape(view: View) -> str | None:
+    (width, height), (file_width, file_height) = view.annotated_size, view.file_size
+    if abs(width * file_height / (height * file_width) - 1) <= MAX_STRETCH:
+        return None
+    turned = abs(height * file_height / (width * file_width) - 1) <= MAX_STRETCH
+    hint = "it was shown turned: remove the EXIF orientation" if turned else "annotate the images as they are"
+    return f"{view.name} was annotated at {width}x{height} px but its camera says {file_width}x{file_height}: {hint}"
+
+
+def _resized(file: str, views: Sequence[View]) -> str:
+    (width, height), (file_width, file_height) = views[0].annotated_size, views[0].file_size
+    return (
+        f"{file}: {len(views)} images were annotated in another size, first {views[0].name} at {width}x{height} px "
+        f"instead of {file_width}x{file_height}: drawings were scaled"
+    )

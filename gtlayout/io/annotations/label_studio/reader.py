@@ -1,0 +1,165 @@
+"""Label Studio: its JSON export, and its JSON-MIN export, which has lost what region belongs to what.
+
+The fields are those of Label Studio's documentation, "Label Studio JSON format of annotated tasks"; older files say
+``completions`` for annotations.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from typing import Any
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations.annotation_files import files_of_kind
+from gtlayout.io.annotations.checked import Notes, name
+from gtlayout.io.annotations.label_studio.regions import shapes_by_image
+from gtlayout.io.files import read_json_list
+from gtlayout.io.sources import RawAnnotations, RawKeyFrame, Reader
+
+IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".gif", ".webp", ".tif", ".tiff"})
+UPLOADED = re.compile(r"(?:.*/)?upload/\d+/[0-9a-f]{8}-(.+)", re.DOTALL)
+"""``upload/<project>/<8 hex digits>-<file name>``: ``upload_name_generator`` of Label Studio."""
+MAX_URL = 4096
+
+
+def read_label_studio(_root: Path, path: Path) -> RawAnnotations:
+    """Read the file: one key frame for each annotated image; images are never opened.
+
+    Of several annotations of a task the one marked as ground truth counts, else the one updated last; cancelled ones
+    and predictions do not. Tasks and regions that are broken or of another kind are warnings. Raises GtlayoutError
+    naming the file when it holds no list, or no annotated image.
+    """
+    tasks = read_json_list(path)
+    notes = Notes()
+    key_frames = [frame for i, task in enumerate(tasks, 1) for frame in _key_frames(task, f"task {i}", notes)]
+    lines = notes.lines(path.name)
+    if not key_frames:
+        why = f" ({lines[0].removeprefix(f'{path.name}: ')})" if lines else ""
+        raise GtlayoutError(f"{path}: no annotated image among {len(tasks)} tasks{why}")
+    return RawAnnotations(path, tuple(key_frames), tuple(lines))
+
+
+def image_name(url: str) -> str:
+    """What an image is called in a task → its path or name, as far as it tells.
+
+    ``/data/local-files/?d=images/1.jpg`` → ``images/1.jpg``; ``/data/upload/3/1a2b3c4d-1.jpg`` → ``1.jpg``;
+    ``https://host/images/1%20a.jpg?x=y`` → ``/images/1 a.jpg``; ``s3://bucket/1.jpg`` → ``/1.jpg``.
+    """
+    if not re.match(r"[a-z][a-z0-9+-]+://|/?data/", url, re.IGNORECASE):
+        return url
+    try:
+        parts = urlsplit(url)
+        local = parse_qs(parts.query, max_num_fields=100).get("d", [""])[-1]
+    except ValueError:
+        return url
+    if local and parts.path.rstrip("/").endswith("data/local-files"):
+        return local
+    # Keys of buckets are written as they are, not percent-encoded.
+    path = parts.path if parts.scheme not in ("", "http", "https") else unquote(parts.path)
+    uploaded = UPLOADED.fullmatch(path)
+    return uploaded[1] if uploaded else path
+
+
+def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
+    if not isinstance(task, dict):
+        notes.add("task skipped: it is no object", where)
+        return []
+    data = task.get("data")
+    results = _results(task, where, notes) if isinstance(data, dict) else _flat_results(task, where, notes)
+    if results is None:
+        return []
+    images = _images(data if isinstance(data, dict) else task, results)
+    if images is None:
+        notes.add("task skipped: none of its data fields, or more than one, names an image", where)
+        return []
+    frames = []
+    for item, (size, shapes) in shapes_by_image(results, notes, images[0]).items():
+        if 0 <= item < len(images):
+            frames.append(RawKeyFrame(images[item], tuple(shapes), size))
+        else:
+            notes.add("image skipped: its item_index is none of the task's images", images[0])
+    return frames or [RawKeyFrame(images[0], (), None)]
+
+
+def _results(task: Mapping[str, Any], where: str, notes: Notes) -> list[Any] | None:
+    """What the annotation that counts says; None = there is none."""
+    annotations = task.get("annotations", task.get("completions"))
+    if not isinstance(annotations, list):
+        annotations = []
+    done = [
+        each
+        for each in annotations
+        if isinstance(each, dict)
+        and isinstance(each.get("result"), list)
+        and not (each.get("was_cancelled") or each.get("skipped"))
+    ]
+    if len(done) > 1:
+        notes.add("task annotated more than once: its ground truth, else what was updated last, counts", where)
+    if done:
+        return max(enumerate(done), key=_rank)[1]["result"]
+    if task.get("predictions"):
+        notes.add("task with predictions only: they count when submitted as annotations", where)
+    elif annotations:
+        notes.add("task skipped: its annotations are cancelled or broken", where)
+    return None
+
+
+def _rank(numbered: tuple[int, Mapping[str, Any]]) -> tuple[bool, str, int]:
+    """ISO dates, all in UTC, sort as text."""
+    number, annotation = numbered
+    return annotation.get("ground_truth") is True, str(annotation.get("updated_at") or ""), number
+
+
+def _flat_results(task: Mapping[str, Any], where: str, notes: Notes) -> list[Any] | None:
+    """JSON-MIN puts ``value`` and size of a region in one object, in a list named by the control tag."""
+    regions = [each for value in task.values() if isinstance(value, list) for each in value if _is_region(each)]
+    if not regions:
+        notes.add("task skipped: neither data nor regions", where)
+        return None
+    notes.add("JSON-MIN task: what belongs to what is lost, and so are ids; the JSON export keeps them", where)
+    return [
+        {
+            "value": each,
+            "original_width": each.get("original_width"),
+            "original_height": each.get("original_height"),
+            "item_index": each.get("item_index"),
+        }
+        for each in regions
+    ]
+
+
+def _is_region(value: Any) -> bool:
+    """Texts come with a copy of the geometry they belong to."""
+    return isinstance(value, dict) and "text" not in value
+
+
+def _images(data: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None:
+    """Names of the task's images: of the field a result says it is about, else of the one that looks like images."""
+    fields = {key: urls for key, value in data.items() if (urls := _urls(value))}
+    said = [
+        result[key].removeprefix("$")
+        for result in results
+        if isinstance(result, dict)
+        for key in ("source", "to_name")
+        if isinstance(result.get(key), str)
+    ]
+    key = next((key for key in (*said, "image") if key in fields), None)
+    if key is None:
+        images = [key for key, urls in fields.items() if all(map(_looks_like_image, urls))] or list(fields)
+        key = images[0] if len(images) == 1 else None
+    return None if key is None else [name(image_name(url)) or "?" for url in fields[key]]
+
+
+def _urls(value: Any) -> list[str]:
+    urls = value if isinstance(value, list) else [value]
+    return urls if all(isinstance(url, str) and 0 < len(url) <= MAX_URL for url in urls) else []
+
+
+def _looks_like_image(url: str) -> bool:
+    return PurePosixPath(image_name(url)).suffix.lower() in IMAGE_SUFFIXES
+
+
+READER = Reader("Label Studio", "a JSON export", files_of_kind("label-studio"), read_label_studio)

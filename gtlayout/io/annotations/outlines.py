@@ -1,0 +1,141 @@
+"""Outlines as drawn → regions of the pinhole image: repaired, clipped to the image, undistorted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from shapely import LineString, MultiPolygon, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.scene import FloatArray, Frame
+
+OVERHANG_PX = 1.0
+"""A vertex up to this far off the image is rounding, and clipped without a word."""
+MIN_AREA_PX2 = 1.0
+"""Pieces smaller than a pixel are left-overs of repair and clipping."""
+
+NOTHING = MultiPolygon()
+
+
+@dataclass
+class Repairs:
+    """What was repaired or left out: a line each."""
+
+    lines: list[str] = field(default_factory=list)
+    overhanging: int = 0
+
+
+@dataclass(frozen=True)
+class View:
+    """The image an annotator saw, and the way from its pixels to the pinhole camera's."""
+
+    name: str
+    lens: Undistortion | None
+    pinhole_size: tuple[int, int]
+    """(width, height) px."""
+    annotated_size: tuple[int, int]
+    """(width, height) px of the copy of the image file that was drawn on."""
+
+    @classmethod
+    def of(cls, name: str, frame: Frame, annotated_size: tuple[int, int] | None) -> View:
+        """The frame as an annotator saw it; in the size of the image file when ``annotated_size`` is None."""
+        lens = frame.undistort if isinstance(frame.undistort, Undistortion) else None
+        pinhole_size = (frame.camera.width, frame.camera.height)
+        file_size = (lens.width, lens.height) if lens else pinhole_size
+        return cls(name, lens, pinhole_size, annotated_size or file_size)
+
+    @property
+    def file_size(self) -> tuple[int, int]:
+        """(width, height) px of the image file."""
+        return (self.lens.width, self.lens.height) if self.lens else self.pinhole_size
+
+    def to_pinhole(self, points_px: FloatArray) -> FloatArray:
+        """(N, 2) pixels of the image file → (N, 2) of the pinhole one."""
+        return self.lens.points(points_px) if self.lens else points_px
+
+    def to_file(self, points_px: FloatArray) -> FloatArray:
+        """(N, 2) pixels drawn → (N, 2) of the image file."""
+        same = self.annotated_size == self.file_size
+        return points_px if same else points_px * (np.array(self.file_size) / self.annotated_size)
+
+
+def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repairs) -> MultiPolygon:
+    """The union of (N, 2) outlines, in the pinhole image; ``where`` begins what is told of them."""
+    pieces = [_polygon(view.to_file(points_px), view, where, repairs) for points_px in polygons]
+    return united([piece for piece in pieces if not piece.is_empty])
+
+
+def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatArray]:
+    """The parts of an (N, 2) polyline within the image, in the pinhole image."""
+    if _distinct(points_px) < 2:
+        repairs.lines.append(f"{view.name}: occlusion edge with fewer than 2 points dropped")
+        return []
+    image = shapely.box(0, 0, *view.file_size)
+    line: BaseGeometry = LineString(view.to_file(points_px))
+    if not image.covers(line):
+        line = shapely.line_merge(line & image)
+    pieces = [
+        view.to_pinhole(np.array(part.coords)) for part in shapely.get_parts(line) if isinstance(part, LineString)
+    ]
+    return [piece for piece in pieces if np.all(np.isfinite(piece))]
+
+
+def united(regions: Sequence[MultiPolygon]) -> MultiPolygon:
+    """The union of regions, without pieces smaller than a pixel."""
+    return polygonal(shapely.union_all(regions)) if regions else NOTHING
+
+
+def polygonal(geometry: BaseGeometry) -> MultiPolygon:
+    """The polygons in a geometry, without those smaller than a pixel."""
+    parts = [geometry] if isinstance(geometry, Polygon) else shapely.get_parts(shapely.get_parts(geometry))
+    large = [part for part in parts if isinstance(part, Polygon) and part.area >= MIN_AREA_PX2]
+    return MultiPolygon(large) if large else NOTHING
+
+
+def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) -> MultiPolygon:
+    if _distinct(points_px) < 3:
+        repairs.lines.append(f"{where}: polygon with fewer than 3 points dropped")
+        return NOTHING
+    polygon: BaseGeometry = shapely.polygons(points_px)
+    if not polygon.is_valid:
+        polygon = polygonal(_valid(polygon))
+        what = "polygon without area dropped" if polygon.is_empty else "self-crossing polygon repaired"
+        repairs.lines.append(f"{where}: {what}")
+    if polygon.is_empty:
+        return NOTHING
+    # Clipped before undistortion: off the image a lens model means nothing.
+    bounds_px = polygon.bounds
+    inside = polygonal(
+        polygon if _within(bounds_px, view.file_size, 0) else polygon & shapely.box(0, 0, *view.file_size)
+    )
+    if inside.is_empty:
+        repairs.lines.append(f"{where}: polygon off the image dropped")
+        return inside
+    repairs.overhanging += not _within(bounds_px, view.file_size, OVERHANG_PX)
+    if view.lens is None:
+        return inside
+    # Vertices only: what is straight in the room is straight between undistorted vertices.
+    straight = shapely.transform(inside, view.to_pinhole)
+    if not np.all(np.isfinite(shapely.get_coordinates(straight))):
+        repairs.lines.append(f"{where}: polygon dropped, the lens model has no inverse at one of its points")
+        return NOTHING
+    return polygonal(_valid(straight) & shapely.box(0, 0, *view.pinhole_size))
+
+
+def _distinct(points_px: FloatArray) -> int:
+    return len(set(map(tuple, points_px.tolist())))
+
+
+def _within(bounds_px: tuple[float, ...], size: tuple[int, int], margin_px: float) -> bool:
+    """Whether (x_min, y_min, x_max, y_max) lie in the image or up to a margin off it."""
+    x_min, y_min, x_max, y_max = bounds_px
+    return min(x_min, y_min) >= -margin_px and x_max <= size[0] + margin_px and y_max <= size[1] + margin_px
+
+
+def _valid(geometry: BaseGeometry) -> BaseGeometry:
+    """``structure`` keeps what a polygon covers twice; the default method would make a hole of it."""
+    return shapely.make_valid(geometry, method="structure", keep_collapsed=False)

@@ -1,0 +1,1 @@
+"""Clips as in the CAD-Estate release: cameras, masks, published layouts."""

@@ -1,0 +1,1 @@
+"""Images, depth maps and frames of videos."""

@@ -1,0 +1,123 @@
+"""Reading a scene folder. A format is one file below this package and one entry in a tuple below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations import labelme, native
+from gtlayout.io.annotations.coco import reader as coco
+from gtlayout.io.annotations.cvat import reader as cvat
+from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.label_studio import reader as label_studio
+from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
+from gtlayout.io.annotations.labels import read_label_file
+from gtlayout.io.cad_estate import reader as cad_estate
+from gtlayout.io.cameras import arkitscenes, nerfstudio, polycam, re10k, scannet
+from gtlayout.io.cameras.colmap import reader as colmap
+from gtlayout.io.cameras.frames import build_frames
+from gtlayout.io.files import read_json
+from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
+from gtlayout.scene import Frame, KeyFrame, Scene
+
+T = TypeVar("T")
+
+
+CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
+    colmap.READER,
+    nerfstudio.READER,
+    cad_estate.CAMERA_READER,
+    scannet.READER,
+    re10k.READER,
+    arkitscenes.READER,
+    polycam.READER,
+)
+
+
+ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
+    native.READER,
+    cvat.READER,
+    cad_estate.ANNOTATION_READER,
+    coco.READER,
+    labelme.READER,
+    label_studio.READER,
+)
+
+
+SCENE_FILE = "scene.json"
+
+
+def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool = True) -> Scene:
+    """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
+
+    Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
+    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. Cameras with
+    timestamps (RealEstate10k, CAD-Estate) may have a video file in ``root`` instead. ``annotations`` is the file or
+    folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
+    a scene without annotations is one without key frames.
+
+    ScanNet and phone scans are metric. Most formats do not say what their unit is: their scenes count as metric when
+    depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
+    ``{"metric": false}`` overrules both.
+
+    Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
+    what was repaired or skipped stands in ``Scene.warnings``.
+    """
+    if not root.is_dir():
+        raise GtlayoutError(f"no scene folder {root}")
+    reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
+    metric = _metric_said(root / SCENE_FILE)
+    scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=annotated)
+    return scene if metric is None else replace(scene, metric=metric)
+
+
+def scene_of(root: Path, cameras: PosedImages, annotations: Path, *, annotated: bool) -> Scene:
+    """The scene that ``cameras`` and the annotations in the file or folder ``annotations`` make; see ``load_scene``."""
+    frames, without_image, frame_warnings = build_frames(root, cameras.images)
+    key_frames, annotation_warnings = _key_frames(annotations, frames, without_image, annotated)
+    metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
+    return Scene(root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *annotation_warnings))
+
+
+def _key_frames(
+    path: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
+) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
+    """What the annotations in the folder ``path``, or the file ``path``, make of the frames, and warnings."""
+    folder = path if path.is_dir() else path.parent
+    if not path.exists():
+        raise GtlayoutError(f"no annotations {path}")
+    found = [(reader, file) for reader, file in _found(folder, ANNOTATION_READERS) if path in (folder, file)]
+    if not found and not annotated:
+        return (), ()
+    reader, file = _the_one(path, found, ANNOTATION_READERS, "annotations")
+    raw = reader.read(folder, file)
+    key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
+    return key_frames, (*raw.warnings, *warnings)
+
+
+def _found(root: Path, readers: Sequence[Reader[T]]) -> list[tuple[Reader[T], Path]]:
+    return [(reader, path) for reader in readers for path in reader.detect(root)]
+
+
+def _the_one(
+    root: Path, found: Sequence[tuple[Reader[T], Path]], readers: Sequence[Reader[T]], what: str
+) -> tuple[Reader[T], Path]:
+    if not found:
+        looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in readers)
+        raise GtlayoutError(f"no {what} in {root}; looked for {looked_for}")
+    if len(found) > 1:
+        paths = ", ".join(f"{path} ({reader.name})" for reader, path in found)
+        raise GtlayoutError(f"{what} in more than one place: {paths}; leave one of them in the scene folder")
+    return found[0]
+
+
+def _metric_said(path: Path) -> bool | None:
+    if not path.exists():
+        return None
+    data = read_json(path)
+    if set(data) != {"metric"} or not isinstance(data["metric"], bool):
+        raise GtlayoutError(f'{path} must be {{"metric": true}} or {{"metric": false}}')
+    return data["metric"]

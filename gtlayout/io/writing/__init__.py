@@ -1,0 +1,1 @@
+"""Scene folders, in any of the formats that are read."""
