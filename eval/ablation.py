@@ -23,7 +23,7 @@ from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation import evaluate
+from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.extent.extents import compute_extents
 from gtlayout.instances import Instance, Mesh, Plane
 from gtlayout.io.scene_folder import load_scene

@@ -14,7 +14,7 @@ from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Record, read_reco
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
 from gtlayout.processes import ONE_THREAD
-from gtlayout.results import REPORT_FILE, TIMINGS_FILE
+from gtlayout.results.names import REPORT_FILE, TIMINGS_FILE
 from metrics import Metric
 
 MARK = "GTLAYOUT_EVAL"

@@ -19,8 +19,8 @@ from benchmark_rooms import LEVELS
 from command_line import Jobs, exit_status, new_app
 from consistency import PLANE_DOF, coverage, nees, plane_error_at, rank_correlation, share_of
 from gtlayout.config import Config
-from gtlayout.element_scores import centroid_world, match_instances, plane_error
 from gtlayout.errors import GtlayoutError
+from gtlayout.evaluation.element_scores import centroid_world, match_instances, plane_error
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane

@@ -33,10 +33,10 @@ from command_line import exit_status, new_app
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.render import render as render_layout
 from gtlayout.io.files import json_text, path_inside, read_json, write_all_atomic, write_json_atomic
-from gtlayout.io.layout_files import read_layout
 from gtlayout.io.pixels.images import decode, read_rgb
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
+from gtlayout.results.layout_files import read_layout
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
 from metrics import Metric, markdown_table, mean_over, write_tables
 from wireframe import Edge, group_elements, visible_edges

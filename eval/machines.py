@@ -18,7 +18,7 @@ from cyclopts.validators import Number
 
 from command_line import GTLAYOUT, exit_status, new_app
 from gtlayout.errors import GtlayoutError
-from gtlayout.results import TIMINGS_FILE
+from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.scene import FloatArray
 from metrics import Metric, write_tables
 from processors import KINDS, LIBRARIES, imitation

@@ -15,7 +15,7 @@ import cv2
 
 import gtlayout
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation import depth_error
+from gtlayout.evaluation.evaluate import depth_error
 from gtlayout.io.files import write_all_atomic
 from gtlayout.report import solved_page, thumbnail
 

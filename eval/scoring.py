@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.evaluation import DepthError, Evaluation
+from gtlayout.evaluation.evaluate import DepthError, Evaluation
 from metrics import Metric, mean_over
 
 QUALITY_CONTROLLED = ("iou", "depth_error", "depth_error_trimmed", "precision", "recall")

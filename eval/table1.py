@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation import evaluate
+from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.io.scene_folder import ANNOTATION_READERS, load_scene
 from gtlayout.method import solve
 from metrics import Metric, write_tables

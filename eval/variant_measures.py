@@ -18,9 +18,9 @@ import numpy as np
 
 from consistency import coverage, nees, plane_error_at
 from gtlayout.config import Config
-from gtlayout.element_scores import match_instances
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation import evaluate
+from gtlayout.evaluation.element_scores import match_instances
+from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from gtlayout.api import load, load_solved, save
     from gtlayout.config import Config
     from gtlayout.errors import GtlayoutError
-    from gtlayout.evaluation import Evaluation, evaluate
+    from gtlayout.evaluation.evaluate import Evaluation, evaluate
     from gtlayout.layout import Layout
     from gtlayout.method import Solution, solve
     from gtlayout.scene import Camera, Scene
@@ -65,12 +65,12 @@ __all__ = [
 _HOME = {
     "Camera": "scene",
     "Config": "config",
-    "Evaluation": "evaluation",
+    "Evaluation": "evaluation.evaluate",
     "GtlayoutError": "errors",
     "Layout": "layout",
     "Scene": "scene",
     "Solution": "method",
-    "evaluate": "evaluation",
+    "evaluate": "evaluation.evaluate",
     "load": "api",
     "load_solved": "api",
     "save": "api",

@@ -5,12 +5,12 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from gtlayout.io.layout_files import read_layout, write_results
-from gtlayout.io.refined_cameras import with_refined_cameras
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import Solution
-from gtlayout.results import FOLDER
+from gtlayout.results.layout_files import read_layout, write_results
+from gtlayout.results.names import FOLDER
+from gtlayout.results.refined_cameras import with_refined_cameras
 from gtlayout.scene import Scene
 
 

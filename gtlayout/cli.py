@@ -11,7 +11,7 @@ from cyclopts.validators import Number
 
 from gtlayout.console import NotNegative, Positive, exit_status, print_warnings, progress_bars, stdout
 from gtlayout.errors import GtlayoutError
-from gtlayout.results import FOLDER, LOG_FILE, REPORT_FILE
+from gtlayout.results.names import FOLDER, LOG_FILE, REPORT_FILE
 from gtlayout.version import __version__
 from gtlayout.viewer import WEB_PORT, open_log, serve_log
 from gtlayout.visualize import RerunMode, rerun_observer
@@ -71,7 +71,7 @@ def solve(
     from gtlayout.api import load, save
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
-    from gtlayout.report_table import camera_line, dimensions, element_table, headline_text, measures, reasons
+    from gtlayout.results.tables import camera_line, dimensions, element_table, headline_text, measures, reasons
 
     config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load(scene_dir)
@@ -113,9 +113,9 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
         Write the figures to this file, too.
     """
     from gtlayout.api import load_solved
-    from gtlayout.evaluation import evaluate as evaluate_layout
+    from gtlayout.evaluation.evaluate import evaluate as evaluate_layout
     from gtlayout.io.files import write_json_atomic
-    from gtlayout.report_table import evaluation_table, headline_text
+    from gtlayout.results.tables import evaluation_table, headline_text
 
     evaluation = evaluate_layout(*load_solved(scene_dir, layout))
     console = stdout()

@@ -24,8 +24,8 @@ from gtlayout.observer import Observer
 from gtlayout.planes.estimation import Estimate
 from gtlayout.planes.support import OUTVOTED
 from gtlayout.quality.assess import Quality
-from gtlayout.report_table import markdown
 from gtlayout.rerun_surfaces import log_uncertainty, surface_of
+from gtlayout.results.tables import markdown
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 

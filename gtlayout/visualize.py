@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Literal
 
 from gtlayout.observer import Observer
-from gtlayout.results import LOG_FILE
+from gtlayout.results.names import LOG_FILE
 from gtlayout.viewer import require_display, require_viewer, rerun_command
 
 RerunMode = Literal["off", "save", "spawn", "connect"]

@@ -18,9 +18,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import gtlayout
 from gtlayout.cli import main
-from gtlayout.io.layout_format import layout_schema
 from gtlayout.method import with_sigma_depth
 from gtlayout.observer import Observer
+from gtlayout.results.layout_format import layout_schema
 
 ROOT = Path(__file__).parents[1]
 USER_SCRIPT = '''

@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from gtlayout.cli import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.refined_cameras import FILE, refined_cameras_text, with_refined_cameras
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.report_table import camera_line
+from gtlayout.results.refined_cameras import FILE, refined_cameras_text, with_refined_cameras
+from gtlayout.results.tables import camera_line
 from gtlayout.scene import Camera, Scene
 from gtlayout.synth.errors import CameraErrors, disturb_cameras
 from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras

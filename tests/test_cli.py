@@ -17,8 +17,8 @@ import trimesh
 import gtlayout.method
 from gtlayout.cli import main
 from gtlayout.export import EXPORTERS
-from gtlayout.io.layout_files import read_layout
 from gtlayout.io.scene_folder import load_scene
+from gtlayout.results.layout_files import read_layout
 from gtlayout.version import __version__
 
 RESULTS = {"layout.json", "layout.glb", "layout.ply", "quality.json", "config.json"}

@@ -14,7 +14,7 @@ import rooms
 from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation import Evaluation, evaluate
+from gtlayout.evaluation.evaluate import Evaluation, evaluate
 from gtlayout.instances import Extent, Plane
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh

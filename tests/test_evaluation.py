@@ -17,7 +17,7 @@ from rich.console import Console
 
 from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation import Evaluation, evaluate
+from gtlayout.evaluation.evaluate import Evaluation, evaluate
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.hosts import find_hosts
@@ -26,7 +26,7 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
-from gtlayout.report_table import evaluation_table
+from gtlayout.results.tables import evaluation_table
 from gtlayout.scene import FloatArray, Scene
 
 CAMERA = rooms.facing_camera()

@@ -15,8 +15,8 @@ import rooms
 from rich.console import Console
 
 from gtlayout.config import Config
-from gtlayout.element_scores import PlaneError
-from gtlayout.evaluation import DepthError, Evaluation, evaluate
+from gtlayout.evaluation.element_scores import PlaneError
+from gtlayout.evaluation.evaluate import DepthError, Evaluation, evaluate
 from gtlayout.export import export_layout
 from gtlayout.export.facts import facts, scene_facts
 from gtlayout.figures import figure, is_known, percent, short, sigma_figure, with_sigma
@@ -25,7 +25,7 @@ from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality.assess import Quality, assess
 from gtlayout.report import page, report_data
-from gtlayout.report_table import (
+from gtlayout.results.tables import (
     camera_line,
     dimensions,
     element_table,

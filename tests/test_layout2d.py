@@ -21,11 +21,11 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.layout_files import write_results
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality.assess import assess
+from gtlayout.results.layout_files import write_results
 from gtlayout.scene import Camera, FloatArray
 from layout2d import draw_wireframe, label_image, pixel_error, score_folder
 from metrics import read_rows

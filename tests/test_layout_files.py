@@ -21,11 +21,11 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Dimension, Extent, Plane, Support
 from gtlayout.io.files import write_all_atomic
-from gtlayout.io.layout_files import read_layout, write_results
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality.assess import Quality, assess
-from gtlayout.report_table import dimensions, element_table, headline_text, markdown, measures, reasons
+from gtlayout.results.layout_files import read_layout, write_results
+from gtlayout.results.tables import dimensions, element_table, headline_text, markdown, measures, reasons
 from gtlayout.scene import Scene
 
 DOOR = rooms.Surface("door", rooms.rectangle([1.5, 5.0, 0], [1.0, 0, 0], [0, 0, 2.0]), host=4)

@@ -17,11 +17,11 @@ from gtlayout.config import Config
 from gtlayout.instances import Plane
 from gtlayout.io.files import json_text
 from gtlayout.io.json_schema import OrNull, Shape, schema_of
-from gtlayout.io.layout_files import write_results
-from gtlayout.io.layout_format import layout_schema
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality.assess import assess
+from gtlayout.results.layout_files import write_results
+from gtlayout.results.layout_format import layout_schema
 
 COMMITTED = Path(__file__).parents[1] / "docs/layout.schema.json"
 
@@ -48,7 +48,7 @@ def written(tmp_path: Path) -> Any:
 
 def test_the_committed_schema_is_the_code_s() -> None:
     assert json_text(layout_schema()) == COMMITTED.read_text(), (
-        "python -m gtlayout.io.layout_format > docs/layout.schema.json"
+        "python -m gtlayout.results.layout_format > docs/layout.schema.json"
     )
 
 

@@ -13,11 +13,11 @@ from jsonschema import validate
 
 from gtlayout.api import load_solved
 from gtlayout.cli import main
-from gtlayout.element_scores import match_instances, plane_error
-from gtlayout.evaluation import evaluate
+from gtlayout.evaluation.element_scores import match_instances, plane_error
+from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.geometry.plane_image import median_depth
-from gtlayout.io.layout_format import layout_schema
 from gtlayout.io.truth import read_truth
+from gtlayout.results.layout_format import layout_schema
 
 CEILINGS = {
     # clip: least IoU, largest ε without the worst 1 % of pixels (m), elements drawn

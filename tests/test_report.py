@@ -18,7 +18,6 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Mesh
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.layout_files import write_results
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.method import Solution, solve
@@ -28,6 +27,7 @@ from gtlayout.report import report_data
 from gtlayout.report.files import read_records
 from gtlayout.report.frames import shown_width
 from gtlayout.report.room_view import upright
+from gtlayout.results.layout_files import write_results
 
 NAME = "<script>alert(1)</script>"
 ELEMENT_ID = '"></svg><img src=x onerror=alert(2)>'

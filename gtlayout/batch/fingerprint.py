@@ -13,8 +13,8 @@ from pathlib import Path
 import gtlayout
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cad_estate.reader import image_folder
-from gtlayout.io.layout_files import package_versions
-from gtlayout.results import FOLDER
+from gtlayout.results.layout_files import package_versions
+from gtlayout.results.names import FOLDER
 
 SETTLED_S = 2.0
 """A file changed more recently than this before it was read may change again within one tick of its file system's

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import kinds_in
 from gtlayout.io.scene_folder import CAMERA_READERS
-from gtlayout.results import FOLDER
+from gtlayout.results.names import FOLDER
 
 
 def has_cameras(folder: Path) -> bool:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from gtlayout.api import load_solved
 from gtlayout.console import stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
-from gtlayout.results import FOLDER
+from gtlayout.results.names import FOLDER
 
 
 def export(

@@ -20,7 +20,7 @@ from gtlayout.quality.config import QualityConfig
 from gtlayout.report.frames import key_frame_data
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.report.room_view import room_view
-from gtlayout.report_table import most_certain_first, reasons
+from gtlayout.results.tables import most_certain_first, reasons
 from gtlayout.scene import ImageArray, Scene
 
 

@@ -17,7 +17,7 @@ from gtlayout.io.files import printable
 from gtlayout.quality.config import QualityConfig
 from gtlayout.report.histogram import histogram
 from gtlayout.report.plain import finite
-from gtlayout.results import REPORT_FILE
+from gtlayout.results.names import REPORT_FILE
 
 FAILURES: dict[Failure, str] = {
     "input": "cannot be solved as they are: send back, or repair the files",

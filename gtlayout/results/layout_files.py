@@ -19,13 +19,13 @@ from gtlayout.export.glb import glb_bytes
 from gtlayout.export.ply import ply_bytes
 from gtlayout.instances import Dimension, Extent, HeldBy, Instance, Mesh, Plane, PlaneFrame, Support
 from gtlayout.io.files import json_text, read_json, write_all_atomic
-from gtlayout.io.layout_format import FORMAT, ElementRow, LayoutFile
-from gtlayout.io.refined_cameras import FILE as CAMERAS_FILE
-from gtlayout.io.refined_cameras import refined_cameras_text
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
-from gtlayout.results import LOG_FILE, REPORT_FILE, TIMINGS_FILE
+from gtlayout.results.layout_format import FORMAT, ElementRow, LayoutFile
+from gtlayout.results.names import LOG_FILE, REPORT_FILE, TIMINGS_FILE
+from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
+from gtlayout.results.refined_cameras import refined_cameras_text
 from gtlayout.scene import LABELS, FloatArray, Scene
 from gtlayout.version import __version__
 

@@ -9,7 +9,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from gtlayout.evaluation import Evaluation
+from gtlayout.evaluation.evaluate import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
 from gtlayout.instances import Dimension
 from gtlayout.layout import Layout

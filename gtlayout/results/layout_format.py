@@ -1,6 +1,6 @@
 """What stands in layout.json: the types of its parts, and their JSON schema.
 
-``python -m gtlayout.io.layout_format > docs/layout.schema.json`` writes the schema that the documentation shows.
+``python -m gtlayout.results.layout_format > docs/layout.schema.json`` writes the schema that the documentation shows.
 """
 
 from __future__ import annotations

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtlayout.element_scores import (
+from gtlayout.errors import GtlayoutError
+from gtlayout.evaluation.element_scores import (
     PlaneError,
     found_in_annotations,
     found_in_truth,
     match_instances,
     plane_error,
 )
-from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.geometry.render import render
 from gtlayout.io.pixels.images import read_depth

@@ -1,0 +1,1 @@
+"""A layout against depth maps and true planes, for scenes that have them."""

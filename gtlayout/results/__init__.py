@@ -1,0 +1,1 @@
+"""Results as files: what they are called, written and read back."""
