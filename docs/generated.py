@@ -13,7 +13,7 @@ from unittest.mock import patch
 import griffe
 
 import gtlayout
-from gtlayout.cli import app
+from gtlayout.cli.app import app
 from gtlayout.config import Config
 from gtlayout.export import EXPORTERS
 

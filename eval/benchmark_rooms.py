@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import get_args
 
 from command_line import Jobs, exit_status, new_app
-from gtlayout.console import progress_bars
+from gtlayout.cli.console import progress_bars
 from gtlayout.errors import GtlayoutError
 from gtlayout.synth import SynthConfig, levels
 from gtlayout.synth.data_set import make_rooms

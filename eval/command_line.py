@@ -8,9 +8,9 @@ from typing import Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-import gtlayout.console
+import gtlayout.cli.console
 
-GTLAYOUT = (sys.executable, "-c", "import sys; from gtlayout.cli import main; sys.exit(main())")
+GTLAYOUT = (sys.executable, "-c", "import sys; from gtlayout.cli.app import main; sys.exit(main())")
 """What the command ``gtlayout`` is."""
 Jobs = Annotated[int, Parameter(validator=Number(gte=1))]
 """Scenes at a time."""
@@ -29,4 +29,6 @@ def new_app(name: str, purpose: str | None) -> App:
 
 def exit_status(app: App, arguments: list[str] | None) -> int:
     """Run the command line; known problems are one line on stderr."""
-    return gtlayout.console.exit_status(app, arguments, "interrupted; what is finished is kept, run it again to go on")
+    return gtlayout.cli.console.exit_status(
+        app, arguments, "interrupted; what is finished is kept, run it again to go on"
+    )

@@ -17,7 +17,7 @@ from jsonschema import validate
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import gtlayout
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.method import with_sigma_depth
 from gtlayout.observer import Observer
 from gtlayout.results.layout_format import layout_schema

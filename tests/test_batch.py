@@ -22,7 +22,7 @@ from gtlayout.batch.run import _merged, _split
 from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene

@@ -26,7 +26,7 @@ from gtlayout.check.images import Matches, look_through
 from gtlayout.check.motion import motion_suspicions
 from gtlayout.check.scale import scale_suspicions
 from gtlayout.check.two_views import triangulate_pair
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import Camera, FloatArray, KeyFrame, Scene
 

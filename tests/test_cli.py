@@ -15,7 +15,7 @@ import pytest
 import trimesh
 
 import gtlayout.method
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.export import EXPORTERS
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.results.layout_files import read_layout
@@ -275,6 +275,6 @@ def test_version_and_help_load_nothing_heavy() -> None:
     assert run("--version").stdout.strip() == __version__
     assert "layout.json" in run("solve", "--help").stdout
     heavy = "cv2", "gtsam", "pycolmap", "rerun", "scipy", "trimesh"
-    code = f"import sys, gtlayout.cli; print([m for m in {heavy!r} if m in sys.modules])"
+    code = f"import sys, gtlayout.cli.app; print([m for m in {heavy!r} if m in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"

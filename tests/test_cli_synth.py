@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import SHARED_DATA
 
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.io.writing.scene_writers import AnnotationFormat, CameraFormat

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gtlayout.cli import app
+from gtlayout.cli.app import app
 from gtlayout.config import Config
 from gtlayout.instances import HeldBy, Instance, Plane, Support
 from gtlayout.io.scene_folder import ANNOTATION_READERS, CAMERA_READERS

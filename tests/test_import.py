@@ -14,7 +14,7 @@ import pycolmap
 import pytest
 from videos import write_video
 
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.config import Config
 from gtlayout.importing.metric_scale import scaled
 from gtlayout.io.annotations.cvat.writer import write_cvat

@@ -12,7 +12,7 @@ from conftest import SHARED_DATA
 from jsonschema import validate
 
 from gtlayout.api import load_solved
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.evaluation.element_scores import match_instances, plane_error
 from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.geometry.plane_image import median_depth

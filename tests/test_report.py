@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Mesh

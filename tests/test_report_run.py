@@ -13,15 +13,15 @@ import pytest
 from browser import served
 from playwright.sync_api import Page
 
+from gtlayout.batch.page.compare_runs import comparison
+from gtlayout.batch.page.histogram import HEIGHT, histogram
+from gtlayout.batch.page.run_data import FAILURES, run_data
+from gtlayout.batch.page.run_page import write_run_report
 from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Failure, Record, scene_folder, write_record
 from gtlayout.batch.run_folder import Run, read_run, write_run
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.config import Config
 from gtlayout.quality.headline import Word
-from gtlayout.report.compare_runs import comparison
-from gtlayout.report.histogram import HEIGHT, histogram
-from gtlayout.report.run_data import FAILURES, run_data
-from gtlayout.report.run_page import write_run_report
 
 HOSTILE = "<script>alert(1)<&'\">?#%25:é"
 REASON = "</script><img src=x onerror=alert(2)>{{ 7*7 }}"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gtlayout.cli import main
+from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.synth import SynthConfig, synthesize

@@ -14,12 +14,12 @@ import pytest
 import rerun as rr
 from web_viewer import web_viewer
 
-import gtlayout.viewer
-from gtlayout.cli import main
+import gtlayout.viewer.process
+from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
 from gtlayout.observer import Observer
-from gtlayout.viewer import open_log, require_viewer, serve_log
-from gtlayout.visualize import rerun_observer
+from gtlayout.viewer.process import open_log, require_viewer, serve_log
+from gtlayout.viewer.session import rerun_observer
 
 
 def test_no_viewer_is_one_clear_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,7 +54,7 @@ def test_view_hands_the_log_to_the_viewer(
     """Python stands in for the viewer: the log it is handed is a program that notes its arguments."""
     log, got = tmp_path / "a log.rrd", tmp_path / "got"
     log.write_text(f"import pathlib, sys\npathlib.Path({str(got)!r}).write_text(repr(sys.argv))\n{program}\n")
-    monkeypatch.setattr(gtlayout.viewer, "rerun_command", lambda: sys.executable)
+    monkeypatch.setattr(gtlayout.viewer.process, "rerun_command", lambda: sys.executable)
     monkeypatch.setenv("DISPLAY", ":0")
     if says is None:
         open_log(log)
@@ -115,7 +115,7 @@ def test_server_that_ends_is_an_error(
     program = tmp_path / "rerun"
     program.write_text("#!/bin/sh\necho it broke >&2\nexit 3\n")
     program.chmod(0o755)
-    monkeypatch.setattr(gtlayout.viewer, "rerun_command", lambda: str(program))
+    monkeypatch.setattr(gtlayout.viewer.process, "rerun_command", lambda: str(program))
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(GtlayoutError, match="status 3: it broke"):
         serve_log(log, free_ports, print)

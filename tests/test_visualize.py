@@ -13,14 +13,14 @@ from playwright.sync_api import Page
 from rerun.chunk import Chunk, RrdReader
 from web_viewer import web_viewer
 
-from gtlayout.blueprint import blueprint
 from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.config import Config
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import Solution, solve
 from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
-from gtlayout.visualize import rerun_observer
+from gtlayout.viewer.blueprint import blueprint
+from gtlayout.viewer.session import rerun_observer
 
 ELSEWHERE = (
     "request: https://",

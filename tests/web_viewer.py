@@ -29,7 +29,7 @@ def free_ports() -> int:
 @contextmanager
 def web_viewer(log: Path, port: int, end: signal.Signals = signal.SIGINT) -> Iterator[str]:
     """The address that it prints, while it runs; ``end`` stops it with status 0."""
-    call = "import sys; from gtlayout.cli import main; sys.exit(main())"
+    call = "import sys; from gtlayout.cli.app import main; sys.exit(main())"
     command = [sys.executable, "-c", call, "view", str(log.parent), "--layout", str(log.parent), "--web"]
     with subprocess.Popen([*command, "--port", str(port)], stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None

@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from plotly.offline import get_plotlyjs
 
 from gtlayout.figures import figure, is_known, percent, short, sigma_figure
@@ -34,10 +34,10 @@ def plotly_file(folder: Path) -> None:
 
 
 @cache
-def environment() -> Environment:
-    """Templates of this folder, compiled once a process: that takes longer than to fill one in."""
+def environment(*packages: str) -> Environment:
+    """Templates of this package and ``packages``, compiled once a process: that takes longer than to fill one in."""
     made = Environment(
-        loader=PackageLoader("gtlayout.report", ""),
+        loader=ChoiceLoader([PackageLoader(package, "") for package in (*packages, "gtlayout.report")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gtlayout.batch.page.compare_runs import comparison
+from gtlayout.batch.page.run_data import run_data
 from gtlayout.batch.run_folder import read_run
 from gtlayout.io.files import write_atomic
-from gtlayout.report.compare_runs import comparison
 from gtlayout.report.page import environment
-from gtlayout.report.run_data import run_data
 
 
 def write_run_report(run_dir: Path, out: Path, against: Path | None = None) -> None:
@@ -22,4 +22,4 @@ def write_run_report(run_dir: Path, out: Path, against: Path | None = None) -> N
     other = None if against is None else read_run(against)
     data = run_data(run, out.parent)
     compared = None if other is None else comparison(run, other, out.parent)
-    write_atomic(out, environment().get_template("run.html").render(data, against=compared))
+    write_atomic(out, environment("gtlayout.batch.page").get_template("run.html").render(data, against=compared))

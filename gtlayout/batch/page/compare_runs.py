@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from gtlayout.batch.page.run_data import GROUPS, group, median, number, row
 from gtlayout.batch.record import Record, Status
 from gtlayout.batch.run_folder import Run
 from gtlayout.io.files import printable
 from gtlayout.report.data import flat
-from gtlayout.report.run_data import GROUPS, group, median, number, row
 
 SHOWN = 300
 """Scenes listed of those that got better, and of those that got worse."""

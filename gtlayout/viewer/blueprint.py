@@ -18,7 +18,7 @@ _Part = rrb.Container | rrb.View
 
 
 def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Blueprint:
-    """Views of a log written by :class:`gtlayout.rerun_log.RerunObserver`.
+    """Views of a log written by :class:`gtlayout.viewer.rerun_log.RerunObserver`.
 
     ``room_world`` (N, 3) are points of the room to bring into view; None while there are none.
     """

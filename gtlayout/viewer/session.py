@@ -10,7 +10,7 @@ from typing import Literal
 
 from gtlayout.observer import Observer
 from gtlayout.results.names import LOG_FILE
-from gtlayout.viewer import require_display, require_viewer, rerun_command
+from gtlayout.viewer.process import require_display, require_viewer, rerun_command
 
 RerunMode = Literal["off", "save", "spawn", "connect"]
 
@@ -36,7 +36,7 @@ def rerun_observer(mode: RerunMode, log: Path, progress: Observer) -> Iterator[O
     import rerun as rr
 
     from gtlayout.io.files import write_atomic
-    from gtlayout.rerun_log import APPLICATION, RerunObserver
+    from gtlayout.viewer.rerun_log import APPLICATION, RerunObserver
 
     recording = rr.RecordingStream(APPLICATION)
     with TemporaryDirectory() as folder:

@@ -11,11 +11,11 @@ from urllib.parse import quote
 
 import numpy as np
 
+from gtlayout.batch.page.histogram import histogram
 from gtlayout.batch.record import SOLVE_LOG_FILE, THUMBNAIL_FILE, Failure, Record, scene_folder
 from gtlayout.batch.run_folder import Run
 from gtlayout.io.files import printable
 from gtlayout.quality.config import QualityConfig
-from gtlayout.report.histogram import histogram
 from gtlayout.report.plain import finite
 from gtlayout.results.names import REPORT_FILE
 

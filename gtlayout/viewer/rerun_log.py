@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import rerun as rr
 
-from gtlayout.blueprint import blueprint
 from gtlayout.colors import LABEL_COLORS, instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
@@ -24,10 +23,11 @@ from gtlayout.observer import Observer
 from gtlayout.planes.estimation import Estimate
 from gtlayout.planes.support import OUTVOTED
 from gtlayout.quality.assess import Quality
-from gtlayout.rerun_surfaces import log_uncertainty, surface_of
 from gtlayout.results.tables import markdown
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
+from gtlayout.viewer.blueprint import blueprint
+from gtlayout.viewer.surfaces import log_uncertainty, surface_of
 
 APPLICATION = "gtlayout"
 JPEG_QUALITY = 75

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gtlayout.api import load_solved
-from gtlayout.console import stdout
+from gtlayout.cli.console import stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
 from gtlayout.results.names import FOLDER
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.console import print_warnings, progress_bars, stdout
+from gtlayout.cli.console import print_warnings, progress_bars, stdout
 from gtlayout.importing.importing import import_scene
 from gtlayout.io.annotations.labeling import label_config as read_label_config
 

@@ -9,12 +9,12 @@ from typing import Annotated
 from cyclopts import App, ArgumentCollection, Parameter, Token
 from cyclopts.validators import Number
 
-from gtlayout.console import NotNegative, Positive, exit_status, print_warnings, progress_bars, stdout
+from gtlayout.cli.console import NotNegative, Positive, exit_status, print_warnings, progress_bars, stdout
 from gtlayout.errors import GtlayoutError
 from gtlayout.results.names import FOLDER, LOG_FILE, REPORT_FILE
 from gtlayout.version import __version__
-from gtlayout.viewer import WEB_PORT, open_log, serve_log
-from gtlayout.visualize import RerunMode, rerun_observer
+from gtlayout.viewer.process import WEB_PORT, open_log, serve_log
+from gtlayout.viewer.session import RerunMode, rerun_observer
 
 SUSPICIOUS = 3
 """Exit status of a check that found something."""
@@ -201,9 +201,9 @@ def report(
     out
         The file to write; report.html beside layout.json, or in the folder of the run, when not given.
     """
+    from gtlayout.batch.page.run_page import write_run_report
     from gtlayout.batch.run_folder import is_run
     from gtlayout.report.files import write_report
-    from gtlayout.report.run_page import write_run_report
 
     of_run = is_run(scene_dir)
     if of_run and layout is not None:
@@ -227,7 +227,7 @@ def _one_cluster(scheduler: str | None = None, **local: object) -> None:
 
 
 app.command(
-    "gtlayout.batch.command:batch",
+    "gtlayout.cli.batch:batch",
     validator=_one_cluster,
     help="Solve every scene in folders of scenes, in parallel; go on where an earlier run was cut short.",
 )
@@ -240,7 +240,7 @@ def _note_given(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollec
 
 
 app.command(
-    "gtlayout.synth.command:synth",
+    "gtlayout.cli.synth:synth",
     name="synth",
     config=_note_given,
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
@@ -248,7 +248,7 @@ app.command(
 
 
 app.command(
-    "gtlayout.export.command:export",
+    "gtlayout.cli.export:export",
     name="export",
     help="Write a solved layout for another program: a viewer, CAD, a data set.",
 )
@@ -260,7 +260,7 @@ def _source_or_labels(source: Path | None = None, out: Path | None = None, **opt
 
 
 app.command(
-    "gtlayout.import_command:import_",
+    "gtlayout.cli.import_:import_",
     name="import",
     validator=_source_or_labels,
     help="Turn cameras, video and annotations of any known format into a scene folder, undistorted.",

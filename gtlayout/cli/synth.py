@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 from dask.system import CPU_COUNT
 
-from gtlayout.console import progress_bars, stdout
+from gtlayout.cli.console import progress_bars, stdout
 from gtlayout.synth import synthesize
 from gtlayout.synth.config import SynthConfig
 from gtlayout.synth.data_set import make_data_set

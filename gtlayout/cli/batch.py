@@ -16,7 +16,7 @@ from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.run import run_batch
 from gtlayout.batch.run_folder import check_free
 from gtlayout.batch.scenes import find_scenes
-from gtlayout.console import NotNegative, Positive, stdout
+from gtlayout.cli.console import NotNegative, Positive, stdout
 from gtlayout.quality.headline import Word
 
 SOME_FAILED = 3

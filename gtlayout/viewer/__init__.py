@@ -1,0 +1,1 @@
+"""Every stage in the rerun viewer; the only package that knows rerun."""
