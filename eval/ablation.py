@@ -20,21 +20,16 @@ from cyclopts.validators import Number
 import adam
 from command_line import Jobs, exit_status, new_app
 from gtlayout.config import Config
-from gtlayout.correspondence.matching import correspond
-from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.extent.extents import compute_extents
-from gtlayout.instances import Instance, Mesh, Plane
+from gtlayout.instances import Mesh, Plane
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
-from gtlayout.method import restart_tracks
-from gtlayout.planes.estimation import estimate
+from gtlayout.method import prepare, solve_planes
+from gtlayout.prepared.measurements import Prepared
 from gtlayout.quality.assess import assess
-from gtlayout.scene import FloatArray, IntArray, Scene
-from gtlayout.tracking.track import track
-from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays, triangulate
+from gtlayout.scene import FloatArray
 from metrics import Metric, write_tables
 from plots import per_scene, sigma_against_error
 from runner import SceneRows, errors_of, find_scenes, run_scenes
@@ -52,18 +47,6 @@ PLANE = "plane "
 """Rows of a scene that hold no method's score but an element's predicted σ and true error."""
 
 app = new_app("ablation", __doc__)
-
-
-@dataclass(frozen=True)
-class Prepared:
-    """A scene up to where the two methods part."""
-
-    scene: Scene
-    tracks: Tracks
-    rays: Rays
-    instances: tuple[Instance, ...]
-    track_instance: IntArray
-    edges: tuple[ContactEdge, ...]
 
 
 @dataclass(frozen=True)
@@ -143,7 +126,7 @@ def measure(folder: Path, runs: int) -> SceneRows:
     prepared = prepare(load_scene(folder), config)
     rows: SceneRows = {}
     own = run_series(partial(own_planes, prepared, config), prepared, config, runs)
-    problem = adam.problem(prepared.scene, prepared.tracks, prepared.track_instance, prepared.instances, prepared.edges)
+    problem = paper_problem(prepared)
     papers = run_series(partial(paper_planes, problem, adam.AdamConfig()), prepared, config, runs)
     for count in sorted({*(r for r in RUNS if r < runs), runs}):
         rows[f"{OURS}, R = {count}"] = row(prepared, own, count)
@@ -160,27 +143,22 @@ def measure(folder: Path, runs: int) -> SceneRows:
     return rows | plane_rows(prepared, own.best(1))
 
 
-def prepare(scene: Scene, config: Config) -> Prepared:
-    """Stages 1 to 3, which both methods share. Raises GtlayoutError when no image can be read."""
-    tracks = track(scene, config.tracking, config.seed, lambda _done, _total: None)
-    rays = triangulate(scene, tracks, config.triangulation)
-    instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
-    return Prepared(scene, tracks, rays, instances, track_instance, contact_edges(scene, instances, config.edges))
-
-
 def own_planes(prepared: Prepared, config: Config, number: int) -> tuple[tuple[Plane, ...], float]:
     """Run ``number`` of gtlayout's estimator: planes, and its last cost. Raises GtlayoutError when there are none."""
-    solved = estimate(
-        prepared.scene,
-        prepared.tracks,
-        prepared.rays,
-        restart_tracks(prepared.track_instance, config, number),
-        prepared.instances,
+    part = prepared.restarted(config.restart_share, config.seed + number) if number else prepared
+    solved = solve_planes(part, config, restart=number)
+    return solved.to_world(prepared.form.similarity, prepared.form.anchor).planes, solved.iterations[-1].cost
+
+
+def paper_problem(prepared: Prepared) -> adam.Problem:
+    """What the paper's optimiser makes of the same tracks, instances and edges, in the given world."""
+    return adam.problem(
+        prepared.given_scene,
+        prepared.given_tracks,
+        prepared.track_instance,
+        prepared.given_instances,
         prepared.edges,
-        config.estimation,
-        config.seed + number,
     )
-    return solved.planes, solved.iterations[-1].cost
 
 
 def paper_planes(problem: adam.Problem, config: adam.AdamConfig, number: int) -> tuple[tuple[Plane, ...], float]:
@@ -226,7 +204,7 @@ def run_series(
         except GtlayoutError:
             candidates.append(None)
         else:
-            scene, instances = prepared.scene, prepared.instances
+            scene, instances = prepared.given_scene, prepared.given_instances
             extents = compute_extents(scene, instances, planes, prepared.edges, config.extent)
             quality = assess(scene, instances, planes, extents, config.quality)
             layout = Layout(instances, planes, extents, Mesh.empty(), scene.metric)
@@ -238,12 +216,12 @@ def run_series(
 def row(prepared: Prepared, series: Series, count: int, by: Literal["iou", "loss"] = "iou") -> list[Metric]:
     """The score of the best of so many runs, with the time they took together."""
     best, seconds = series.best(count, by), float(series.seconds[:count].sum())
-    return refused(seconds) if best is None else score(evaluate(prepared.scene, best.layout), seconds)
+    return refused(seconds) if best is None else score(evaluate(prepared.given_scene, best.layout), seconds)
 
 
 def plane_rows(prepared: Prepared, solved: Candidate | None) -> SceneRows:
     """Predicted σ and true error of each plane; nothing where the scene has no unit or no truth."""
-    if solved is None or not prepared.scene.metric:
+    if solved is None or not prepared.given_scene.metric:
         return {}
     return {
         PLANE + plane.truth: [
@@ -252,7 +230,7 @@ def plane_rows(prepared: Prepared, solved: Candidate | None) -> SceneRows:
             Metric("normal_error", plane.normal_deg, "°", False),
             Metric("normal_sigma", plane.sigma_normal_deg, "°", None),
         ]
-        for plane in evaluate(prepared.scene, solved.layout).planes
+        for plane in evaluate(prepared.given_scene, solved.layout).planes
     }
 
 

@@ -21,15 +21,16 @@ from consistency import PLANE_DOF, coverage, nees, plane_error_at, rank_correlat
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.element_scores import centroid_world, match_instances, plane_error
+from gtlayout.geometry.depth import centroid_of_largest
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane
 from gtlayout.io.files import write_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import Truth, read_truth
-from gtlayout.method import Solution, solve
-from gtlayout.quality.depth import centroid_of_largest
+from gtlayout.method import solve
 from gtlayout.scene import OPENINGS, Camera, FloatArray, Scene
+from gtlayout.solution import Solution
 from metrics import Metric, write_tables
 from plots import reliability, sigma_against_error
 from runner import SceneRows, errors_of, run_scenes, scenes_by_folder

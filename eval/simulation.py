@@ -11,9 +11,13 @@ from shapely import MultiPolygon
 
 import consistency
 from gtlayout.edges import ContactEdge
+from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Plane
 from gtlayout.planes.config import EstimationConfig
-from gtlayout.planes.estimation import Estimate, estimate
+from gtlayout.planes.estimate import Estimate
+from gtlayout.planes.estimation import estimate
+from gtlayout.prepared.canonical import Canonical
+from gtlayout.prepared.measurements import Measurements, Prepared
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
@@ -142,10 +146,27 @@ def solve(
     seed: int = 0,
 ) -> Estimate:
     """Stage 4 with the true instances; ``edges`` default to the exact ones."""
-    rays = triangulate(room.scene, tracks, TriangulationConfig())
-    edges = true_edges(room) if edges is None else edges
-    track_instance = true_instance(room, tracks)
-    return estimate(room.scene, tracks, rays, track_instance, room.instances, edges, config or EstimationConfig(), seed)
+    return estimate(measurements(room, tracks, edges), config or EstimationConfig(), seed)
+
+
+def measurements(room: Room, tracks: Tracks, edges: Sequence[ContactEdge] | None = None) -> Measurements:
+    """What stages 1 to 3 would hand on, with the true instances; ``edges`` default to the exact ones."""
+    return Measurements(
+        scene=room.scene,
+        tracks=tracks,
+        rays=triangulate(room.scene, tracks, TriangulationConfig()),
+        instances=tuple(room.instances),
+        track_instance=true_instance(room, tracks),
+        edges=true_edges(room) if edges is None else tuple(edges),
+    )
+
+
+def as_given(measured: Measurements) -> Prepared:
+    """The same with its own scene for a canonical one."""
+    scene = measured.scene
+    elements = tuple(tuple(range(len(key_frame.elements))) for key_frame in scene.key_frames)
+    own = Similarity(np.eye(3), np.zeros(3), 1.0)
+    return Prepared(**vars(measured), form=Canonical(scene, scene, own, tuple(range(len(scene.frames))), elements))
 
 
 def errors(room: Room, planes: Sequence[Plane]) -> tuple[FloatArray, FloatArray]:

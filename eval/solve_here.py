@@ -19,7 +19,7 @@ import shapely
 import gtlayout
 from gtlayout.evaluation.element_scores import centroid_world
 from gtlayout.io.files import json_text, write_all_atomic
-from gtlayout.method import Solution
+from gtlayout.solution import Solution
 
 STAGES_FILE, DECISIONS_FILE = "stages.npz", "decisions.json"
 

@@ -19,21 +19,21 @@ from cyclopts.validators import Number
 
 import adam
 import simulation
-from ablation import RUNS, Prepared, Series, own_planes, paper_planes, run_series
+from ablation import RUNS, Series, own_planes, paper_planes, paper_problem, run_series
 from command_line import GTLAYOUT, exit_status, new_app
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimation import optimise
 from gtlayout.planes.evidence import gather
-from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.prepared.measurements import Measurements, Prepared
+from gtlayout.solution import Solution
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.triangulation import triangulate
 from metrics import Metric, write_tables
 from runner import scenes_by_folder
-from simulated_edges import true_edges
 from simulated_room import make_room, prism_faces, ring
 
 CHILD_USAGE = Path(__file__).with_name("child_usage.py")
@@ -159,16 +159,7 @@ def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
     starts, graphs = [], []
     for _ in range(repeats):
         begin = time.perf_counter()
-        evidence = gather(
-            scene,
-            prepared.tracks,
-            local.rays(prepared.rays),
-            prepared.track_instance,
-            prepared.instances,
-            prepared.edges,
-            local,
-            config.estimation,
-        )
+        evidence = gather(prepared, local, config.estimation)
         evidence, planes = start_without_wrong_contacts(evidence, config.estimation, config.seed)
         between = time.perf_counter()
         optimise(cameras, prepared.tracks, evidence, planes, config.estimation)
@@ -191,7 +182,7 @@ def compare_with_paper(prepared: Prepared, runs: int, repeats: int) -> list[Metr
     """
     config = Config()
     ours = run_series(lambda _number: own_planes(prepared, config, 0), prepared, config, repeats).seconds.min()
-    problem = adam.problem(prepared.scene, prepared.tracks, prepared.track_instance, prepared.instances, prepared.edges)
+    problem = paper_problem(prepared)
     series = run_series(partial(paper_planes, problem, adam.AdamConfig()), prepared, config, runs)
     return [Metric("gtlayout", float(ours), "s", False), *_papers(series, float(ours), runs)]
 
@@ -217,25 +208,20 @@ def simulated(size: Size) -> Prepared:
         room, np.random.default_rng(0), per_element=int(np.ceil(1.5 * size.tracks / drawings)), reach=size.reach
     )
     tracks = simulation.chosen(tracks, np.linspace(0, len(tracks) - 1, size.tracks).round().astype(int))
-    return Prepared(
-        room.scene,
-        tracks,
-        triangulate(room.scene, tracks, TriangulationConfig()),
-        room.instances,
-        simulation.true_instance(room, tracks),
-        true_edges(room),
-    )
+    return simulation.as_given(simulation.measurements(room, tracks))
 
 
 def prepared_of(solution: Solution) -> Prepared:
     """What a solve handed to its estimator."""
-    return Prepared(
-        solution.scene,
-        solution.tracks,
-        triangulate(solution.scene, solution.tracks, Config().triangulation),
-        solution.layout.instances,
-        solution.track_instance,
-        solution.edges,
+    return simulation.as_given(
+        Measurements(
+            solution.scene,
+            solution.tracks,
+            triangulate(solution.scene, solution.tracks, Config().triangulation),
+            solution.layout.instances,
+            solution.track_instance,
+            solution.edges,
+        )
     )
 
 

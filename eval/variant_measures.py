@@ -26,9 +26,10 @@ from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane
 from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.quality.measures import InstanceQuality
 from gtlayout.scene import Camera, Element, FloatArray
+from gtlayout.solution import Solution
 from memory_use import MIB
 from metrics import Metric
 from runner import SceneRows

@@ -42,8 +42,9 @@ if TYPE_CHECKING:
     from gtlayout.errors import GtlayoutError
     from gtlayout.evaluation.evaluate import Evaluation, evaluate
     from gtlayout.layout import Layout
-    from gtlayout.method import Solution, solve
+    from gtlayout.method import solve
     from gtlayout.scene import Camera, Scene
+    from gtlayout.solution import Solution
 
 __all__ = [
     "Camera",
@@ -69,7 +70,7 @@ _HOME = {
     "GtlayoutError": "errors",
     "Layout": "layout",
     "Scene": "scene",
-    "Solution": "method",
+    "Solution": "solution",
     "evaluate": "evaluation.evaluate",
     "load": "api",
     "load_solved": "api",

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
-from gtlayout.method import Solution
 from gtlayout.results.layout_files import read_layout, write_results
 from gtlayout.results.names import FOLDER
 from gtlayout.results.refined_cameras import with_refined_cameras
 from gtlayout.scene import Scene
+from gtlayout.solution import Solution
 
 
 def load(folder: str | PathLike[str]) -> Scene:

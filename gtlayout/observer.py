@@ -5,13 +5,17 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from gtlayout.edges import ContactEdge
     from gtlayout.instances import Extent, Instance, Mesh
     from gtlayout.layout import Layout
-    from gtlayout.planes.estimation import Estimate
+    from gtlayout.planes.estimate import Estimate
     from gtlayout.quality.assess import Quality
     from gtlayout.scene import IntArray, Scene
     from gtlayout.tracking.tracks import Tracks
@@ -52,3 +56,26 @@ class Observer:
 
     def quality(self, layout: Layout, quality: Quality) -> None:
         """Result of stage 7; the last call."""
+
+    def solved(self, layout: Layout, quality: Quality, estimate: Estimate) -> None:
+        """Stages 4 to 7 of the run that is kept, one call each."""
+        self.estimate(estimate)
+        self.extents(layout.extents)
+        self.mesh(layout.triangles)
+        self.quality(layout, quality)
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Announces stages to an observer and adds up the time each takes."""
+
+    observer: Observer = field(default_factory=Observer)
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def __call__(self, name: str) -> Iterator[None]:
+        """A stage, from its announcement to its end."""
+        self.observer.stage(name)
+        start = time.perf_counter()
+        yield
+        self.timings_s[name] = self.timings_s.get(name, 0.0) + time.perf_counter() - start

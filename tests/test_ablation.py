@@ -15,13 +15,15 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane
 from gtlayout.io.scene_folder import load_scene
+from gtlayout.method import prepare
+from gtlayout.prepared.measurements import Prepared
 from gtlayout.synth import SynthConfig
 from metrics import Metric, read_rows
 
 
 @pytest.fixture(scope="module")
-def prepared(room: Path) -> ablation.Prepared:
-    return ablation.prepare(load_scene(room), Config())
+def prepared(room: Path) -> Prepared:
+    return prepare(load_scene(room), Config())
 
 
 @pytest.fixture
@@ -58,7 +60,7 @@ def test_tables_have_every_row_of_both_methods(
     assert "gtlayout, no edges" in capsys.readouterr().out
 
 
-def test_both_methods_get_the_same_extents(prepared: ablation.Prepared) -> None:
+def test_both_methods_get_the_same_extents(prepared: Prepared) -> None:
     """The true planes give the same layout whichever method hands them over: nothing but planes differs."""
     planes, _ = ablation.own_planes(prepared, Config(), 0)
 
@@ -72,7 +74,7 @@ def test_both_methods_get_the_same_extents(prepared: ablation.Prepared) -> None:
     assert own.iou == handed.iou
 
 
-def test_the_best_run_is_that_of_highest_iou_or_of_lowest_loss(prepared: ablation.Prepared) -> None:
+def test_the_best_run_is_that_of_highest_iou_or_of_lowest_loss(prepared: Prepared) -> None:
     layout = ablation.run_series(lambda n: ablation.own_planes(prepared, Config(), n), prepared, Config(), 1).best(1)
     assert layout is not None
     runs = [ablation.Candidate(layout.layout, iou, loss) for iou, loss in ((0.5, 3.0), (0.9, 2.0), (0.8, 1.0))]
@@ -85,7 +87,7 @@ def test_the_best_run_is_that_of_highest_iou_or_of_lowest_loss(prepared: ablatio
     assert metrics["time"] == 15.0
 
 
-def test_runs_without_a_layout_count_as_refused(prepared: ablation.Prepared) -> None:
+def test_runs_without_a_layout_count_as_refused(prepared: Prepared) -> None:
     def fail(_number: int) -> tuple[tuple[Plane, ...], float]:
         raise GtlayoutError("nothing to see")
 

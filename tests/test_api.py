@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import gtlayout
 from gtlayout.cli.app import main
-from gtlayout.method import with_sigma_depth
+from gtlayout.geometry.depth import with_sigma_depth
 from gtlayout.observer import Observer
 from gtlayout.results.layout_format import layout_schema
 
@@ -115,7 +115,7 @@ def test_sigma_of_depth_is_read_back_and_only_in_metres(example: dict[str, Any])
     found = [plane.sigma_depth_m for plane in layout.planes]
     assert found == [instance.sigma_depth for instance in solution.quality.instances]
     assert all(0 < sigma < 0.2 for sigma in found)
-    other = with_sigma_depth(solution.estimate.planes, solution.quality, metric=False)
+    other = with_sigma_depth(replace(solution.scene, metric=False), solution.instances, solution.estimate.planes)
     assert np.isnan([plane.sigma_depth_m for plane in other]).all()
     path = example["folder"] / "gtlayout/layout.json"
     content = path.read_text()

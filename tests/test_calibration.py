@@ -18,7 +18,8 @@ from gtlayout.instances import Plane
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
+from gtlayout.solution import Solution
 from metrics import Metric, read_rows
 from runner import scenes_by_folder
 

@@ -12,7 +12,7 @@ import pytest
 
 from gtlayout.edges import ContactEdge
 from gtlayout.instances import Plane
-from gtlayout.planes.estimation import Estimate
+from gtlayout.planes.estimate import Estimate
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.tracks import Tracks
 from simulated_edges import jitter, spoil, true_edges

@@ -18,7 +18,7 @@ from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import edges_along, jitter, shifted, true_edges
 from simulated_room import Face, Room, box_faces, make_room, orbit
-from simulation import make_tracks, true_instance
+from simulation import make_tracks, measurements
 
 CONFIG = EstimationConfig()
 BOTTOM_LEFT, TOP_LEFT, TOP_RIGHT, BOTTOM_RIGHT = np.array(
@@ -63,10 +63,9 @@ def start(
     rng = np.random.default_rng(seed)
     tracks = make_tracks(room, rng, drifting=0.1, without=without)
     drawn = jitter(edges, rng, CONFIG.sigma_edge_shift_px, CONFIG.sigma_edge_tilt_px)
-    rays = triangulate(room.scene, tracks, TriangulationConfig())
-    local = Normalisation.of(rays)
-    owner = true_instance(room, tracks)
-    evidence = gather(room.scene, tracks, local.rays(rays), owner, room.instances, drawn, local, CONFIG)
+    measured = measurements(room, tracks, drawn)
+    local = Normalisation.of(measured.rays)
+    evidence = gather(measured, local, CONFIG)
     kept, planes_local = start_without_wrong_contacts(evidence, CONFIG, seed)
     planes, _ = local.planes_to_world(planes_local)
     centers = np.array([room.seen_center(i) for i in range(len(planes))])

@@ -11,13 +11,14 @@ from shapely import MultiPolygon
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Instance
 from gtlayout.planes.config import EstimationConfig
-from gtlayout.planes.estimation import Estimate, estimate
+from gtlayout.planes.estimate import Estimate
+from gtlayout.planes.estimation import estimate
 from gtlayout.scene import Element, KeyFrame
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import jitter, true_edges
 from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
-from simulation import chosen, errors, make_tracks, nees, no_tracks, solve, true_instance
+from simulation import chosen, errors, make_tracks, measurements, nees, no_tracks, solve
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 EXACT = EstimationConfig(settled=0.0, relative_decrease=1e-9)
@@ -179,10 +180,8 @@ def test_a_camera_that_hardly_moves_is_not_believed(sweep_m: float) -> None:
 
 def test_nothing_tracked_names_all_planes(room: Room) -> None:
     tracks = no_tracks(room.scene)
-    rays = triangulate(room.scene, tracks, TriangulationConfig())
-    none = np.empty(0, dtype=np.int64)
     with pytest.raises(GtlayoutError, match="no point could be tracked") as caught:
-        estimate(room.scene, tracks, rays, none, room.instances, true_edges(room), EstimationConfig(), 0)
+        solve(room, tracks)
     assert all(instance.name in str(caught.value) for instance in room.instances)
 
 
@@ -280,16 +279,8 @@ def test_an_instance_that_is_nothing_but_a_name_does_no_harm(room: Room) -> None
     tried = (np.append(tracks.tried[0], 0), *tracks.tried[1:])
     scene = replace(room.scene, key_frames=tuple(key_frames))
     instances = (*room.instances, Instance("wall_x", "wall", ((0, len(room.scene.key_frames[0].elements)),)))
-    solved = estimate(
-        scene,
-        replace(tracks, tried=tried),
-        triangulate(scene, tracks, TriangulationConfig()),
-        true_instance(room, tracks),
-        instances,
-        true_edges(room),
-        EstimationConfig(),
-        0,
-    )
+    measured = replace(measurements(room, replace(tracks, tried=tried)), scene=scene, instances=instances)
+    solved = estimate(measured, EstimationConfig(), 0)
     assert not solved.planes[-1].observable
     angles_deg, offsets = errors(room, solved.planes[:-1])
     assert angles_deg.max() < 0.3 and np.abs(offsets).max() < 0.01

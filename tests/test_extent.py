@@ -13,7 +13,8 @@ from shapely import MultiPolygon, Polygon, box
 from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import compute_extents
-from gtlayout.geometry.plane_image import clip_to_plane, median_depth, unproject
+from gtlayout.geometry.depth import median_depth
+from gtlayout.geometry.plane_image import clip_to_plane, unproject
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.scene import FloatArray, Scene

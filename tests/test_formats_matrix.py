@@ -29,8 +29,9 @@ from gtlayout.io.writing.scene_writers import (
     write_to,
 )
 from gtlayout.layout import Layout
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.scene import OPENINGS, Scene
+from gtlayout.solution import Solution
 from gtlayout.synth import SynthConfig, synthesize
 
 CAMERAS: dict[str, CameraWriter] = {

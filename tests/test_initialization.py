@@ -20,7 +20,7 @@ from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import true_edges
 from simulated_room import Room, box_faces, make_room, orbit
-from simulation import chosen, make_tracks, true_instance
+from simulation import chosen, make_tracks, measurements, true_instance
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 CONFIG = EstimationConfig()
@@ -32,10 +32,9 @@ def room() -> Room:
 
 
 def collect(room: Room, tracks: Tracks, edges: Sequence[ContactEdge]) -> tuple[Evidence, Normalisation]:
-    rays = triangulate(room.scene, tracks, TriangulationConfig())
-    local = Normalisation.of(rays)
-    track_instance = true_instance(room, tracks)
-    return gather(room.scene, tracks, local.rays(rays), track_instance, room.instances, edges, local, CONFIG), local
+    measured = measurements(room, tracks, edges)
+    local = Normalisation.of(measured.rays)
+    return gather(measured, local, CONFIG), local
 
 
 def start(room: Room, tracks: Tracks, edges: Sequence[ContactEdge], seed: int = 0) -> FloatArray:

@@ -12,10 +12,11 @@ import pytest
 import shapely
 from scipy.spatial.transform import Rotation
 
-from gtlayout.canonical import canonical
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
+from gtlayout.prepared.canonical import canonical
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
+from gtlayout.solution import Solution
 
 TURN = Rotation.from_euler("xyz", [31, -112, 64], degrees=True).as_matrix()
 Members = frozenset[tuple[str, str]]

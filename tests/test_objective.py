@@ -19,14 +19,12 @@ from gtlayout.planes.graph import solve as solve_graph
 from gtlayout.planes.objective import cauchy_loss, cost_of
 from gtlayout.planes.structural_factors import edge_factors
 from gtlayout.scene import BoolArray, FloatArray
-from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import true_edges
 from simulated_room import Room, make_room, orbit
-from simulation import errors, make_tracks, solve, true_instance
+from simulation import errors, make_tracks, measurements, solve
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 CONFIG = EstimationConfig()
@@ -43,10 +41,9 @@ def rng(seed: int = 0) -> np.random.Generator:
 
 def known(room: Room, tracks: Tracks) -> tuple[Evidence, FloatArray, Normalisation]:
     """Evidence, and (S, 4) the true planes, in the local world."""
-    rays = triangulate(room.scene, tracks, TriangulationConfig())
-    local = Normalisation.of(rays)
-    owner = true_instance(room, tracks)
-    evidence = gather(room.scene, tracks, local.rays(rays), owner, room.instances, true_edges(room), local, CONFIG)
+    measured = measurements(room, tracks)
+    local = Normalisation.of(measured.rays)
+    evidence = gather(measured, local, CONFIG)
     truth = room.planes.copy()
     truth[:, 3] = local.scale * (truth[:, 3] + truth[:, :3] @ local.origin)
     return evidence, truth, local

@@ -12,15 +12,17 @@ from rooms import level_camera, make_scene, pixels
 from shapely import MultiPolygon
 
 from gtlayout import method
-from gtlayout.canonical import canonical
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import form_instances
 from gtlayout.instances import Instance, Plane, Support
 from gtlayout.planes import estimation
-from gtlayout.planes.estimation import Estimate
+from gtlayout.planes.estimate import Estimate
+from gtlayout.prepared.canonical import canonical
+from gtlayout.prepared.measurements import Measurements
 from gtlayout.regrouping.joins import find_joins, plane_difference
 from gtlayout.regrouping.splits import Cluster, cluster_of, find_splits, two_planes
 from gtlayout.scene import FloatArray, IntArray, Label, Scene
+from gtlayout.solution import Solution
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays, triangulate
@@ -242,7 +244,8 @@ def splits_of(
     planes = [Plane(p[:3], float(p[3]), np.eye(4), observable=True) for p in room.planes]
     # The plane of each instance is that of most of its drawings.
     on = [planes[int(np.bincount([room.instance_of[k][e] for k, e in one.members]).argmax())] for one in instances]
-    found = find_splits(room.scene, tracks, rays, track_instance, instances, on, CONFIG.regrouping, CONFIG.extent)
+    measured = Measurements(room.scene, tracks, rays, instances, track_instance, ())
+    found = find_splits(measured, on, CONFIG.regrouping, CONFIG.extent)
     return {frozenset(part) for split in found for part in split.parts}
 
 
@@ -305,7 +308,7 @@ def solve(
     groups: Sequence[set[tuple[int, int]]],
     config: Config = QUICK,
     restarts: range | None = None,
-) -> method.Solution:
+) -> Solution:
     """The method with tracks and a grouping that are given instead of found in images."""
     orders = canonical(room.scene).elements
     number = [{e: n for n, e in enumerate(order)} for order in orders]
@@ -322,14 +325,14 @@ def solve(
 
 
 @pytest.fixture(scope="module")
-def right() -> tuple[Room, Tracks, method.Solution]:
+def right() -> tuple[Room, Tracks, Solution]:
     """A room solved with its true instances."""
     room = make_room(orbit(), [3, 10, 17])
     tracks = make_tracks(room, np.random.default_rng(0))
     return room, tracks, solve(room, tracks, [set(instance.members) for instance in room.instances])
 
 
-def check_same(found: method.Solution, expected: method.Solution) -> None:
+def check_same(found: Solution, expected: Solution) -> None:
     """Names and their order, members, hosts, tracks, planes: all of it."""
     assert found.layout.instances == expected.layout.instances
     assert np.array_equal(found.track_instance, expected.track_instance)
@@ -338,7 +341,7 @@ def check_same(found: method.Solution, expected: method.Solution) -> None:
         assert plane.d == same.d
 
 
-def test_a_wall_cut_in_two_ends_as_one(right: tuple[Room, Tracks, method.Solution]) -> None:
+def test_a_wall_cut_in_two_ends_as_one(right: tuple[Room, Tracks, Solution]) -> None:
     room, tracks, expected = right
     groups = [set(instance.members) for instance in room.instances]
     later = {(k, e) for k, e in groups[room.index("wall")] if k > 0}
@@ -350,7 +353,7 @@ def test_a_wall_cut_in_two_ends_as_one(right: tuple[Room, Tracks, method.Solutio
     assert said.startswith("wall e") and "010.png are one plane" in said and said.endswith("joined")
 
 
-def test_two_walls_with_exchanged_drawings_end_right(right: tuple[Room, Tracks, method.Solution]) -> None:
+def test_two_walls_with_exchanged_drawings_end_right(right: tuple[Room, Tracks, Solution]) -> None:
     room, tracks, expected = right
     found = solve(room, tracks, swapped(room, 1))
     check_same(found, expected)
@@ -359,7 +362,7 @@ def test_two_walls_with_exchanged_drawings_end_right(right: tuple[Room, Tracks, 
 
 @pytest.mark.parametrize(("astray", "told"), [("first", False), ("second", True)])
 def test_only_the_solve_that_is_kept_tells_that_it_was_led_astray(
-    right: tuple[Room, Tracks, method.Solution], monkeypatch: pytest.MonkeyPatch, astray: str, told: bool
+    right: tuple[Room, Tracks, Solution], monkeypatch: pytest.MonkeyPatch, astray: str, told: bool
 ) -> None:
     """Two solves, of which the second is a restart and the only one asked for."""
     room, tracks, _ = right

@@ -20,7 +20,7 @@ from gtlayout.instances import Mesh
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.quality.headline import Headline, Word
 from gtlayout.report import page as html_of
 from gtlayout.report import report_data
@@ -28,6 +28,7 @@ from gtlayout.report.files import read_records
 from gtlayout.report.frames import shown_width
 from gtlayout.report.room_view import upright
 from gtlayout.results.layout_files import write_results
+from gtlayout.solution import Solution
 
 NAME = "<script>alert(1)</script>"
 ELEMENT_ID = '"></svg><img src=x onerror=alert(2)>'

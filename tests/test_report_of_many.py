@@ -15,8 +15,9 @@ from playwright.sync_api import Page
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.report import PLOTLY_FILE, plotly_file, solved_page, thumbnail
+from gtlayout.solution import Solution
 from gtlayout.synth import SynthConfig, synthesize
 
 

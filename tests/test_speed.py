@@ -109,16 +109,7 @@ def test_python_is_not_called_for_every_landmark(monkeypatch: pytest.MonkeyPatch
         return optimizer(factors, values, params)
 
     local = Normalisation.of(prepared.rays)
-    evidence = gather(
-        prepared.scene,
-        prepared.tracks,
-        local.rays(prepared.rays),
-        prepared.track_instance,
-        prepared.instances,
-        prepared.edges,
-        local,
-        config,
-    )
+    evidence = gather(prepared, local, config)
     start = best_start(evidence, replace(config, starts=1), 0)
     monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", seen)
     cameras = [local.camera(frame.camera) for frame in prepared.scene.frames]

@@ -29,7 +29,7 @@ from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
 from simulated_edges import jitter, true_edges
 from simulated_room import Room, box_faces, make_room, orbit
-from simulation import make_tracks, true_instance
+from simulation import make_tracks, measurements, true_instance
 
 RELATIVE_SIGMA = 0.003
 """σ of a track's depth as a share of depth."""
@@ -51,11 +51,8 @@ class Truth:
     """(S, 4) local."""
 
     def evidence(self, edges: Sequence[ContactEdge], config: EstimationConfig) -> Evidence:
-        rays = triangulate(self.room.scene, self.tracks, TriangulationConfig())
         owner = true_instance(self.room, self.tracks)
-        found = gather(
-            self.room.scene, self.tracks, self.local.rays(rays), owner, self.room.instances, edges, self.local, config
-        )
+        found = gather(measurements(self.room, self.tracks, edges), self.local, config)
         rho = -np.sum(self.planes[owner, :3] * found.rays.ray, axis=1) / (
             np.sum(self.planes[owner, :3] * found.rays.center, axis=1) + self.planes[owner, 3]
         )

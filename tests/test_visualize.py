@@ -16,9 +16,10 @@ from web_viewer import web_viewer
 from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.config import Config
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
+from gtlayout.solution import Solution
 from gtlayout.viewer.blueprint import blueprint
 from gtlayout.viewer.session import rerun_observer
 

@@ -32,11 +32,12 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.evaluation.evaluate import depth_error
 from gtlayout.io.files import write_all_atomic
-from gtlayout.method import Solution, solve
+from gtlayout.method import solve
 from gtlayout.report import PLOTLY_FILE, solved_page, thumbnail
 from gtlayout.report.plain import finite
 from gtlayout.results.names import REPORT_FILE
 from gtlayout.results.tables import headline_text, measures, reasons, worst_drawing
+from gtlayout.solution import Solution
 
 IDLE_S = 300.0
 """A process that is asked for nothing ends: workers of an existing cluster outlive the run."""

@@ -7,9 +7,9 @@ import numpy as np
 from gtlayout.export import unit
 from gtlayout.export.upright import z_up_from_world
 from gtlayout.figures import is_known
+from gtlayout.geometry.depth import depth_at_centroid
 from gtlayout.io.files import printable
 from gtlayout.layout import Layout
-from gtlayout.quality.depth import depth_at_centroid
 from gtlayout.scene import FloatArray, Scene
 
 NOT_METRIC = "NOT METRIC: the scene's unit is unknown; every length is in that unit, whatever unit this file names"

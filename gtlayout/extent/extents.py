@@ -12,7 +12,7 @@ from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import consensus, tidy
 from gtlayout.extent.known_part import known_part
 from gtlayout.extent.refine import refine, unproject_edges
-from gtlayout.geometry.plane_image import median_depth
+from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.polygons import grid_for
 from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import Camera, Scene

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.polygons import half_plane, homogeneous
-from gtlayout.instances import Instance, Plane
-from gtlayout.scene import Camera, FloatArray, Scene
+from gtlayout.instances import Plane
+from gtlayout.scene import Camera, FloatArray
 
 
 def inverse_depth(plane: Plane, camera: Camera) -> FloatArray:
@@ -23,20 +20,6 @@ def inverse_depth(plane: Plane, camera: Camera) -> FloatArray:
     distance = float(plane.normal @ camera.center_world) + plane.d
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(-np.linalg.solve(camera.K.T, normal_cam) / distance, dtype=np.float64)
-
-
-def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
-    """The scene's scale: median depth of the elements' vertices on their planes, world unit; inf when none is seen."""
-    depths = []
-    for instance, plane in zip(instances, planes, strict=True):
-        for key_frame, element in instance.members if plane.observable else ():
-            region = scene.key_frames[key_frame].elements[element].amodal
-            inverse = homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
-                plane, scene.frame_of(key_frame).camera
-            )
-            depths.append(1 / inverse[inverse > 0])
-    found = np.concatenate(depths) if depths else np.empty(0)
-    return float(np.median(found)) if len(found) else np.inf
 
 
 def clip_to_plane(

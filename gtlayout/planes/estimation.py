@@ -6,15 +6,15 @@ Variables are an ``OrientedPlane3`` per instance and a ``Point3`` per track.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
-from gtlayout.instances import Instance, Plane, Support
+from gtlayout.instances import Plane, Support
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.contacts import start_without_wrong_contacts
+from gtlayout.planes.estimate import Estimate, Iteration
 from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.planes.graph import Solution, solve, track_weights
 from gtlayout.planes.initialization import face_cameras
@@ -22,58 +22,20 @@ from gtlayout.planes.objective import cost_of
 from gtlayout.planes.support import supports
 from gtlayout.planes.uncertainty import Uncertainty, error_scales, plane_uncertainty
 from gtlayout.planes.views import Views
-from gtlayout.scene import Camera, FloatArray, IntArray, Scene
+from gtlayout.prepared.measurements import Measurements
+from gtlayout.scene import Camera, FloatArray
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays, camera_path
+from gtlayout.tracking.triangulation import camera_path
 
 
-@dataclass(frozen=True)
-class Iteration:
-    """What one Levenberg-Marquardt iteration came to, for plots; the first is the start."""
-
-    cost: float
-    planes: FloatArray
-    """(instances, 4) normal and d in the world."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What stage 4 hands on."""
-
-    planes: tuple[Plane, ...]
-    """One per instance."""
-    covariance: FloatArray
-    """(4S, 4S) joint covariance of all planes' (normal, d) in the world; NaN for those that nothing places."""
-    landmarks: FloatArray
-    """(N, 3) world position of each track's point; NaN where a track was not used."""
-    landmark_weight: FloatArray
-    """(N,) robust weight in [0, 1] after the solve; near 0 = the track was outvoted."""
-    landmark_instance: IntArray
-    """(N,) instance whose plane it lies on, -1 = none."""
-    iterations: tuple[Iteration, ...]
-    warnings: tuple[str, ...] = ()
-    """What went wrong on the way, one line each."""
-
-
-def estimate(
-    scene: Scene,
-    tracks: Tracks,
-    rays: Rays,
-    track_instance: IntArray,
-    instances: Sequence[Instance],
-    edges: Sequence[ContactEdge],
-    config: EstimationConfig,
-    seed: int,
-) -> Estimate:
-    """Planes of all instances with their covariance.
-
-    Args:
-        track_instance: (N,) instance of each track, -1 = none.
+def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Estimate:
+    """Planes of all instances with their covariance, in the world of ``measured.scene``.
 
     Raises:
         GtlayoutError: no plane at all can be determined (the camera does not move, or nothing was tracked).
     """
+    scene, tracks, rays, instances = measured.scene, measured.tracks, measured.rays, measured.instances
     names = ", ".join(instance.name for instance in instances)
     if camera_path(scene) == 0.0:
         raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
@@ -82,8 +44,7 @@ def estimate(
     if rays.moved_share() < config.min_moved_share:
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     local = Normalisation.of(rays)
-    evidence = gather(scene, tracks, local.rays(rays), track_instance, instances, edges, local, config)
-    evidence, start = start_without_wrong_contacts(evidence, config, seed)
+    evidence, start = start_without_wrong_contacts(gather(measured, local, config), config, seed)
     if not np.isfinite(start).any():
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]
@@ -93,36 +54,24 @@ def estimate(
         solution, uncertainty = keep_start(tracks, evidence, start, config)
         astray = ", ".join(instances[s].name for s in lost)
         warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
-    world_planes, jacobian = local.planes_to_world(solution.planes)
-    local_blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
-    # Block by block, so that what is unknown of one plane stays with it.
-    blocks = np.einsum("ab,sbtd,cd->satc", jacobian, local_blocks, jacobian)
-    held = supports(scene, tracks, rays, instances, evidence, solution, uncertainty.held_by)
+    blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
+    held = supports(measured, evidence, solution, uncertainty.held_by)
     planes = tuple(
-        _plane(
-            world_planes[s],
-            blocks[s, :, s],
-            held[s],
-            _relative_depth_sigma(solution.planes[s], local_blocks[s, :, s], evidence.views[s]),
-            config,
-        )
-        for s in range(len(instances))
+        _plane(solution.planes[s], blocks[s, :, s], held[s], evidence.views[s], config) for s in range(len(instances))
     )
     if not any(plane.observable for plane in planes):
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     used = np.isfinite(solution.landmarks[:, 0])
-    return Estimate(
+    found = Estimate(
         planes=planes,
-        covariance=blocks.reshape(4 * len(instances), 4 * len(instances)),
-        landmarks=local.points_to_world(solution.landmarks),
+        covariance=uncertainty.covariance,
+        landmarks=solution.landmarks,
         landmark_weight=solution.robust_weight,
-        landmark_instance=np.where(used, track_instance, -1),
-        iterations=tuple(
-            Iteration(cost, local.planes_to_world(at)[0])
-            for cost, at in zip(solution.costs, solution.history, strict=True)
-        ),
+        landmark_instance=np.where(used, measured.track_instance, -1),
+        iterations=tuple(Iteration(*one) for one in zip(solution.costs, solution.history, strict=True)),
         warnings=tuple(warnings),
     )
+    return found.to_world(local, anchor=np.zeros(3))
 
 
 def optimise(
@@ -199,11 +148,11 @@ def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: View
 
 
 def _plane(
-    coefficients: FloatArray, covariance: FloatArray, support: Support, relative_sigma: float, config: EstimationConfig
+    coefficients: FloatArray, covariance: FloatArray, support: Support, views: Views, config: EstimationConfig
 ) -> Plane:
     if not np.isfinite(coefficients).all():
         note, observable = "no track and no contact edge places it", False
-    elif not relative_sigma < config.unobservable_depth:
+    elif not _relative_depth_sigma(coefficients, covariance, views) < config.unobservable_depth:
         note, observable = "nothing but weak priors determines it", False
     else:
         note, observable = "", True

@@ -14,6 +14,7 @@ from gtlayout.instances import Instance
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.edge_group import EdgeGroup
 from gtlayout.planes.views import Views
+from gtlayout.prepared.measurements import Measurements
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
@@ -87,19 +88,11 @@ class Evidence:
         return residuals
 
 
-def gather(
-    scene: Scene,
-    tracks: Tracks,
-    rays: Rays,
-    track_instance: IntArray,
-    instances: Sequence[Instance],
-    edges: Sequence[ContactEdge],
-    local: Normalisation,
-    config: EstimationConfig,
-) -> Evidence:
-    """Collect the evidence on every surface. ``rays`` are local already, ``scene`` is not."""
+def gather(measured: Measurements, local: Normalisation, config: EstimationConfig) -> Evidence:
+    """Collect the evidence on every surface."""
+    scene, tracks, instances, rays = measured.scene, measured.tracks, measured.instances, local.rays(measured.rays)
     key_cameras = [local.camera(scene.frame_of(k).camera) for k in range(len(scene.key_frames))]
-    track_surface = _thin_out(prefer_visible(scene, tracks, track_instance), config.max_tracks)
+    track_surface = _thin_out(prefer_visible(scene, tracks, measured.track_instance), config.max_tracks)
     host = np.array([-1 if instance.host is None else instance.host for instance in instances])
     labels = [instance.label for instance in instances]
     level = np.array([label in ("floor", "ceiling") for label in labels])
@@ -111,7 +104,7 @@ def gather(
         track_surface=track_surface,
         track_key_frame=tracks.key_frame,
         track_weight=_trust(scene, tracks, track_surface, instances, config),
-        edges=_edge_groups(edges, host, key_cameras, config.min_edge_px),
+        edges=_edge_groups(measured.edges, host, key_cameras, config.min_edge_px),
         perpendicular=across | across.T,
         level=level,
         wall=wall,

@@ -6,34 +6,29 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.instances import HeldBy, Instance, Support
+from gtlayout.instances import HeldBy, Support
 from gtlayout.planes.edge_group import EdgeGroup
 from gtlayout.planes.evidence import Evidence, followed
 from gtlayout.planes.graph import Solution
-from gtlayout.scene import BoolArray, FloatArray, Scene
-from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays, parallax_deg
+from gtlayout.prepared.measurements import Measurements
+from gtlayout.scene import BoolArray, FloatArray
+from gtlayout.tracking.triangulation import parallax_deg
 
 OUTVOTED = 0.1
 """Tracks of less robust weight are given up: with Cauchy's kernel those off by more than three times its scale."""
 
 
 def supports(
-    scene: Scene,
-    tracks: Tracks,
-    rays: Rays,
-    instances: Sequence[Instance],
-    evidence: Evidence,
-    solution: Solution,
-    held_by: Sequence[HeldBy],
+    measured: Measurements, evidence: Evidence, solution: Solution, held_by: Sequence[HeldBy]
 ) -> tuple[Support, ...]:
-    """What places each instance's plane. ``rays`` in the world; ``evidence`` and ``solution`` local."""
-    parallax = parallax_deg(scene, tracks, rays)
+    """What places each instance's plane. ``evidence`` and ``solution`` are local."""
+    scene, tracks = measured.scene, measured.tracks
+    parallax = parallax_deg(scene, tracks, measured.rays)
     placed = np.isfinite(solution.planes[:, 0])
     edges = [(g, _distance_px(g, solution.planes)) for g in evidence.edges if placed[list(g.surfaces)].all()]
     given_up: BoolArray = solution.robust_weight < OUTVOTED
     found = []
-    for s, instance in enumerate(instances):
+    for s, instance in enumerate(measured.instances):
         own: BoolArray = evidence.track_surface == s
         kept, tried = followed(scene, tracks, instance)
         gaps = [gap for group, gap in edges if s in group.surfaces]

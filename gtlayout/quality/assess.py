@@ -9,11 +9,12 @@ import numpy as np
 import shapely
 
 from gtlayout.figures import short
+from gtlayout.geometry.depth import depth_at_centroid
 from gtlayout.geometry.render import render
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.quality.causes import causes
 from gtlayout.quality.config import QualityConfig
-from gtlayout.quality.depth import depth_at_centroid, drawn_pixels
+from gtlayout.quality.depth import drawn_pixels
 from gtlayout.quality.headline import Headline, headline
 from gtlayout.quality.measures import InstanceQuality, Measures
 from gtlayout.quality.reprojection import element_ious, mean_by_frame

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 
 from gtlayout.extent.config import ExtentConfig
-from gtlayout.geometry.plane_image import median_depth
+from gtlayout.geometry.depth import median_depth
 from gtlayout.instances import Instance, PlaneFrame
-from gtlayout.planes.estimation import Estimate
+from gtlayout.planes.estimate import Estimate
 from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.regrouping.on_plane import Drawn, draw_on, shown_there
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtlayout.config import Config
 from gtlayout.correspondence.matching import form_instances
+from gtlayout.extent.config import ExtentConfig
 from gtlayout.instances import Instance
-from gtlayout.planes.estimation import Estimate
+from gtlayout.planes.estimate import Estimate
+from gtlayout.prepared.measurements import Measurements
+from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.regrouping.joins import find_joins
 from gtlayout.regrouping.splits import Members, find_splits
 from gtlayout.scene import IntArray, Scene
-from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays
 
 
 @dataclass(frozen=True)
@@ -29,47 +29,36 @@ class Regrouping:
     instances: tuple[Instance, ...]
     track_instance: IntArray
     """(N,) instance of each track, -1 = none."""
-    said: tuple[str, ...]
+    messages: tuple[str, ...]
     """What was joined and split, one line each."""
 
 
 def regroup(
-    scene: Scene,
-    tracks: Tracks,
-    rays: Rays,
-    track_instance: IntArray,
-    instances: Sequence[Instance],
-    solved: Estimate,
-    config: Config,
+    measured: Measurements, solved: Estimate, config: RegroupingConfig, extent: ExtentConfig
 ) -> Regrouping | None:
     """The instances as the solved planes want them; None when they stay as they are.
 
     What was split here is not joined with others until its planes have been solved.
     """
-    splits = find_splits(
-        scene, tracks, rays, track_instance, instances, solved.planes, config.regrouping, config.extent
-    )
+    scene, instances = measured.scene, measured.instances
+    splits = find_splits(measured, solved.planes, config, extent)
     halved = {split.instance for split in splits}
-    joins = [
-        join
-        for join in find_joins(scene, instances, solved, config.regrouping, config.extent)
-        if not halved & set(join.instances)
-    ]
+    joins = [join for join in find_joins(scene, instances, solved, config, extent) if not halved & set(join.instances)]
     if not splits and not joins:
         return None
     groups: list[Members] = [instance.members for instance in instances]
-    said = []
+    messages = []
     for join in joins:
         a, b = join.instances
         pair = _in_words(scene, groups[a][0], groups[b][0])
-        said.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
+        messages.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
         groups[a], groups[b] = (*groups[a], *groups[b]), ()
     for split in splits:
         first, second = split.parts
-        said.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
+        messages.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
         groups[split.instance] = first
         groups.append(second)
-    return Regrouping(*form_instances(scene, tracks, _group_of(scene, groups)), tuple(said))
+    return Regrouping(*form_instances(scene, measured.tracks, _group_of(scene, groups)), tuple(messages))
 
 
 def _group_of(scene: Scene, groups: Sequence[Members]) -> IntArray:

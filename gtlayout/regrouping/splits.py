@@ -9,12 +9,13 @@ from itertools import combinations
 import numpy as np
 
 from gtlayout.extent.config import ExtentConfig
-from gtlayout.geometry.plane_image import median_depth
+from gtlayout.geometry.depth import median_depth
 from gtlayout.instances import Instance, Plane
 from gtlayout.planes.evidence import prefer_visible
+from gtlayout.prepared.measurements import Measurements
 from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.regrouping.on_plane import draw_on, shown_there
-from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
+from gtlayout.scene import BoolArray, FloatArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays
 
@@ -64,23 +65,17 @@ class Cluster:
 
 
 def find_splits(
-    scene: Scene,
-    tracks: Tracks,
-    rays: Rays,
-    track_instance: IntArray,
-    instances: Sequence[Instance],
-    planes: Sequence[Plane],
-    config: RegroupingConfig,
-    extent: ExtentConfig,
+    measured: Measurements, planes: Sequence[Plane], config: RegroupingConfig, extent: ExtentConfig
 ) -> tuple[Split, ...]:
     """The instances whose tracks lie on two planes, where the annotations do not say that these are one surface.
 
     A key frame with a wrong pose, and a mirror, put tracks of one surface on two planes as well. But then a key frame
     that shows one part shows the same where the other part should be: that forbids the split.
     """
+    scene, tracks, rays, instances = measured.scene, measured.tracks, measured.rays, measured.instances
     origin = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
     max_depth = extent.max_depth_ratio * median_depth(scene, instances, planes)
-    used = prefer_visible(scene, tracks, track_instance) >= 0
+    used = prefer_visible(scene, tracks, measured.track_instance) >= 0
     splits = []
     for i, instance in enumerate(instances):
         clusters = {

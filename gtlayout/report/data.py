@@ -13,7 +13,7 @@ from gtlayout.export import unit
 from gtlayout.export.floor_plan import floor_plan
 from gtlayout.export.plan_drawing import draw
 from gtlayout.export.svg import svg_text
-from gtlayout.geometry.plane_image import median_depth
+from gtlayout.geometry.depth import median_depth
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.config import QualityConfig

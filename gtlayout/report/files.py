@@ -10,7 +10,6 @@ from typing import Any
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json, write_atomic
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.method import Solution
 from gtlayout.quality.assess import assess
 from gtlayout.quality.config import QualityConfig
 from gtlayout.report.data import report_data
@@ -19,6 +18,7 @@ from gtlayout.report.page import page
 from gtlayout.results.layout_files import package_versions, read_layout
 from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.results.refined_cameras import with_refined_cameras
+from gtlayout.solution import Solution
 
 
 @dataclass(frozen=True)

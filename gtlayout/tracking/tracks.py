@@ -33,6 +33,13 @@ class Tracks:
     def __len__(self) -> int:
         return len(self.key_frame)
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What went wrong on the way, one line each."""
+        if not self.unreadable:
+            return ()
+        return (f"{len(self.unreadable)} unreadable image(s) skipped: {', '.join(self.unreadable)}",)
+
 
 def spread_observations(tracks: Tracks, most: int) -> BoolArray:
     """(M,) up to ``most`` observations of each track, evenly spread over it, its ends among them."""

@@ -20,7 +20,7 @@ from gtlayout.instances import Extent, Instance, Mesh
 from gtlayout.io.pixels.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.observer import Observer
-from gtlayout.planes.estimation import Estimate
+from gtlayout.planes.estimate import Estimate
 from gtlayout.planes.support import OUTVOTED
 from gtlayout.quality.assess import Quality
 from gtlayout.results.tables import markdown

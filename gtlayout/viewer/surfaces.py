@@ -8,7 +8,7 @@ import trimesh
 
 from gtlayout.colors import Colors, sigma_colors, sigma_full
 from gtlayout.figures import with_sigma
-from gtlayout.geometry.plane_image import median_depth
+from gtlayout.geometry.depth import median_depth
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, IntArray, Scene
 

@@ -17,7 +17,6 @@ import shapely
 
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Instance
-from gtlayout.planes.estimation import Estimate, Iteration
 from gtlayout.scene import LABELS, Camera, Element, FloatArray, KeyFrame, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import camera_path
@@ -50,14 +49,14 @@ class Canonical:
         far = float(np.linalg.norm(self.similarity.origin)) * self.similarity.scale > _FAR
         return self.similarity.origin if far else np.zeros(3)
 
-    def instances(self, instances: Sequence[Instance]) -> tuple[Instance, ...]:
+    def given_instances(self, instances: Sequence[Instance]) -> tuple[Instance, ...]:
         """Instances with the given scene's numbers of elements."""
         return tuple(
             replace(instance, members=tuple((k, self.elements[k][e]) for k, e in instance.members))
             for instance in instances
         )
 
-    def tracks(self, tracks: Tracks) -> Tracks:
+    def given_tracks(self, tracks: Tracks) -> Tracks:
         """Tracks with the given scene's numbers of frames and elements."""
         offset = np.cumsum([0, *(len(order) for order in self.elements)])
         element = np.concatenate([np.array(order, dtype=np.int64) for order in self.elements])
@@ -71,7 +70,7 @@ class Canonical:
             ),
         )
 
-    def cameras(self, scene: Scene) -> Scene:
+    def given_cameras(self, scene: Scene) -> Scene:
         """The given scene with the cameras of a canonical ``scene``."""
         numbers = np.searchsorted(np.unique(self.twins), self.twins)
         frames = tuple(
@@ -79,27 +78,6 @@ class Canonical:
             for frame, number in zip(self.given.frames, numbers, strict=True)
         )
         return replace(self.given, frames=frames)
-
-    def estimate(self, estimate: Estimate) -> Estimate:
-        """An estimate in the world."""
-        coefficients = np.array([[*plane.normal, plane.d] for plane in estimate.planes])
-        world, jacobian = self.similarity.planes_to_world(coefficients, self.anchor)
-        planes = tuple(
-            replace(
-                plane, normal=at[:3], d=float(at[3]), covariance=_turned(plane.covariance, jacobian), anchor=self.anchor
-            )
-            for plane, at in zip(estimate.planes, world, strict=True)
-        )
-        return replace(
-            estimate,
-            planes=planes,
-            covariance=_turned(estimate.covariance, jacobian),
-            landmarks=self.similarity.points_to_world(estimate.landmarks),
-            iterations=tuple(
-                Iteration(one.cost, self.similarity.planes_to_world(one.planes, self.anchor)[0])
-                for one in estimate.iterations
-            ),
-        )
 
 
 def canonical(scene: Scene) -> Canonical:
@@ -175,10 +153,3 @@ def _normalised(element: Element) -> Element:
 
 def _directed(line: FloatArray) -> FloatArray:
     return line if line[0].tolist() <= line[-1].tolist() else line[::-1]
-
-
-def _turned(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
-    """(4S, 4S) covariance of planes by their (4, 4) derivative; block by block, so that NaN stays apart."""
-    count = len(covariance) // 4
-    blocks = covariance.reshape(count, 4, count, 4)
-    return np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian).reshape(covariance.shape)

@@ -1,0 +1,60 @@
+"""How far off planes are where something is drawn, and how well that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from gtlayout.geometry.plane_image import inverse_depth
+from gtlayout.geometry.polygons import homogeneous
+from gtlayout.instances import Instance, Plane
+from gtlayout.scene import Camera, FloatArray, Scene
+
+
+def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
+    """The scene's scale: median depth of the elements' vertices on their planes, world unit; inf when none is seen."""
+    depths = []
+    for instance, plane in zip(instances, planes, strict=True):
+        for key_frame, element in instance.members if plane.observable else ():
+            region = scene.key_frames[key_frame].elements[element].amodal
+            inverse = homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
+                plane, scene.frame_of(key_frame).camera
+            )
+            depths.append(1 / inverse[inverse > 0])
+    found = np.concatenate(depths) if depths else np.empty(0)
+    return float(np.median(found)) if len(found) else np.inf
+
+
+def centroid_of_largest(scene: Scene, instance: Instance) -> tuple[Camera, FloatArray]:
+    """The camera that the largest annotated polygon of an instance was drawn in, and its centroid there, (1, 2) px."""
+    k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
+    centroid = scene.key_frames[k].elements[element].amodal.centroid
+    return scene.frame_of(k).camera, np.array([[centroid.x, centroid.y]])
+
+
+def depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
+    """σ of the depth, and the depth, where the plane is seen through the centroid of the largest annotated polygon."""
+    sigma, depth = sigma_depth(plane, *centroid_of_largest(scene, instance))
+    return float(sigma[0]), float(depth[0])
+
+
+def sigma_depth(plane: Plane, camera: Camera, points_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) σ of the depth, and the depth, at which a plane is seen at (N, 2) pixels; NaN where it is not."""
+    inverse = np.column_stack([points_px, np.ones(len(points_px))]) @ inverse_depth(plane, camera)
+    # Zero on the horizon, infinite for a camera on the plane.
+    depth = 1 / np.where((inverse > 0) & np.isfinite(inverse), inverse, np.nan)
+    rays = camera.rays_world(points_px)
+    return plane.sigma_depth(camera.center_world + depth[:, None] * rays, rays), depth
+
+
+def with_sigma_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> tuple[Plane, ...]:
+    """The planes with the σ of their depth, where the scene's unit is the metre."""
+    if not scene.metric:
+        return tuple(planes)
+    return tuple(
+        replace(plane, sigma_depth_m=depth_at_centroid(scene, instance, plane)[0]) if plane.observable else plane
+        for instance, plane in zip(instances, planes, strict=True)
+    )

@@ -1,0 +1,70 @@
+"""What stage 4 hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gtlayout.geometry.similarity import Similarity
+from gtlayout.instances import Plane
+from gtlayout.scene import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """What one Levenberg-Marquardt iteration came to, for plots; the first is the start."""
+
+    cost: float
+    planes: FloatArray
+    """(instances, 4) normal and d."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Planes, their covariance and how they were found, all in one world."""
+
+    planes: tuple[Plane, ...]
+    """One per instance."""
+    covariance: FloatArray
+    """(4S, 4S) joint covariance of all planes' (normal, normal · anchor + d); NaN for those that nothing places."""
+    landmarks: FloatArray
+    """(N, 3) position of each track's point; NaN where a track was not used."""
+    landmark_weight: FloatArray
+    """(N,) robust weight in [0, 1] after the solve; near 0 = the track was outvoted."""
+    landmark_instance: IntArray
+    """(N,) instance whose plane it lies on, -1 = none."""
+    iterations: tuple[Iteration, ...]
+    warnings: tuple[str, ...] = ()
+    """What went wrong on the way, one line each."""
+
+    def to_world(self, local: Similarity, anchor: FloatArray) -> Estimate:
+        """The same in the world that ``local`` is a form of, with covariances about ``anchor``, (3,) there.
+
+        Here they must be about the origin.
+        """
+        coefficients = np.array([[*plane.normal, plane.d] for plane in self.planes])
+        world, jacobian = local.planes_to_world(coefficients, anchor)
+        return replace(
+            self,
+            planes=tuple(
+                replace(
+                    plane,
+                    normal=at[:3],
+                    d=float(at[3]),
+                    covariance=_turned(plane.covariance, jacobian),
+                    anchor=anchor,
+                )
+                for plane, at in zip(self.planes, world, strict=True)
+            ),
+            covariance=_turned(self.covariance, jacobian),
+            landmarks=local.points_to_world(self.landmarks),
+            iterations=tuple(Iteration(one.cost, local.planes_to_world(one.planes)[0]) for one in self.iterations),
+        )
+
+
+def _turned(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """(4S, 4S) covariance of planes by their (4, 4) derivative; block by block, so that NaN stays apart."""
+    count = len(covariance) // 4
+    blocks = covariance.reshape(count, 4, count, 4)
+    return np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian).reshape(covariance.shape)

@@ -1,0 +1,61 @@
+"""What stages 1 to 3 find in a scene: all that planes are solved from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from gtlayout.edges import ContactEdge
+from gtlayout.instances import Instance
+from gtlayout.prepared.canonical import Canonical
+from gtlayout.scene import IntArray, Scene
+from gtlayout.tracking.bundle_adjustment import CameraReport
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import Rays
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """Tracks, the instances they belong to, and contact edges, in one world."""
+
+    scene: Scene
+    tracks: Tracks
+    rays: Rays
+    instances: tuple[Instance, ...]
+    track_instance: IntArray
+    """(N,) instance of each track, -1 = none."""
+    edges: tuple[ContactEdge, ...]
+
+    def restarted(self, share: float, seed: int) -> Self:
+        """With a random share of the tracks; the others belong to no instance."""
+        left_out = np.random.default_rng(seed).random(len(self.track_instance)) >= share
+        return replace(self, track_instance=np.where(left_out, -1, self.track_instance))
+
+
+@dataclass(frozen=True)
+class Prepared(Measurements):
+    """The same of a scene in canonical form, and the way back to the given one."""
+
+    form: Canonical
+    cameras: CameraReport | None = None
+    """What refining the cameras came to, in the given unit; None when that was not asked for."""
+    warnings: tuple[str, ...] = ()
+    """What was skipped, joined or split on the way, one line each."""
+
+    @property
+    def given_scene(self) -> Scene:
+        """The scene as given, with refined cameras where ``cameras.refined``."""
+        refined = self.cameras is not None and self.cameras.refined
+        return self.form.given_cameras(self.scene) if refined else self.form.given
+
+    @property
+    def given_tracks(self) -> Tracks:
+        """The tracks by the given scene's numbers of frames and elements."""
+        return self.form.given_tracks(self.tracks)
+
+    @property
+    def given_instances(self) -> tuple[Instance, ...]:
+        """The instances by the given scene's numbers of elements."""
+        return self.form.given_instances(self.instances)

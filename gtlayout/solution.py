@@ -1,0 +1,76 @@
+"""The layout and what led to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, field
+
+import trimesh
+
+from gtlayout.config import Config
+from gtlayout.edges import ContactEdge
+from gtlayout.errors import GtlayoutError
+from gtlayout.geometry.raster import LabelImage
+from gtlayout.geometry.render import DepthImage
+from gtlayout.instances import Instance, Plane
+from gtlayout.layout import Layout
+from gtlayout.planes.estimate import Estimate
+from gtlayout.quality.assess import Quality
+from gtlayout.scene import Camera, IntArray, Scene
+from gtlayout.tracking.bundle_adjustment import CameraReport
+from gtlayout.tracking.tracks import Tracks
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The layout and what led to it."""
+
+    scene: Scene
+    """As given, with what was skipped, joined or split on the way added to its warnings, and with refined cameras where
+    ``cameras.refined``.
+    """
+    layout: Layout
+    quality: Quality
+    tracks: Tracks
+    track_instance: IntArray
+    """(N,) instance of each track, -1 = none."""
+    edges: tuple[ContactEdge, ...]
+    estimate: Estimate
+    timings_s: dict[str, float]
+    """Seconds of each stage, all restarts together."""
+    cameras: CameraReport | None = None
+    """What refining the cameras came to; None when that was not asked for."""
+    config: Config = field(default_factory=Config)
+    """What it was solved with."""
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """The layout's: who asks for nothing else may take a solution for its layout."""
+        return self.layout.planes
+
+    @property
+    def instances(self) -> tuple[Instance, ...]:
+        """The layout's."""
+        return self.layout.instances
+
+    def mesh(self) -> trimesh.Trimesh:
+        """See ``Layout.mesh``."""
+        return self.layout.mesh()
+
+    def render(self, camera: Camera) -> tuple[LabelImage, DepthImage]:
+        """See ``Layout.render``."""
+        return self.layout.render(camera)
+
+
+def best_of(run: Callable[[int], Solution], restarts: range) -> Solution:
+    """The first of those with the highest IoU. Raises GtlayoutError when there is none."""
+    best: Solution | None = None
+    for restart in restarts:
+        # A random share of the tracks may be too few; the solve from all of them stands.
+        with suppress(GtlayoutError) if restart else nullcontext():
+            solution = run(restart)
+            best = solution if best is None or solution.quality.iou > best.quality.iou else best
+    if best is None:
+        raise GtlayoutError(f"too few tracks in each of the restarts {restarts.start} to {restarts.stop - 1}")
+    return best
