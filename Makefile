@@ -25,6 +25,7 @@ test: $(VENV)/.installed-dev $(TOOLS)/.installed $(VALIDATOR)/node_modules
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 # What arithmetic decides, as on a processor without AVX-512: NumPy, OpenBLAS and OpenCV differ there in the last bit.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable, Iterator
+from dataclasses import is_dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -30,11 +31,11 @@ def cli() -> str:
 
 
 def configuration() -> str:
-    """Every dataclass of gtlayout/config.py: a heading with its path in ``Config``, and its fields as a table."""
-    module = _parsed(Config.__module__)
+    """``Config`` and every configuration in it: a heading with its path in ``Config``, and its fields as a table."""
     parts = []
-    for path, name in [("Config", Config.__name__), *_paths(Config(), "Config")]:
-        described = module.classes[name]
+    for path, kind in [("Config", Config), *_paths(Config(), "Config")]:
+        name = kind.__name__
+        described = _parsed(kind.__module__).classes[name]
         rows = [
             f"| `{field.name}` | `{field.value}` | {_cell(_doc(field))} |"
             for field in described.attributes.values()
@@ -73,11 +74,11 @@ def schema() -> str:
     return "\n\n".join(parts)
 
 
-def _paths(value: Any, prefix: str) -> Iterator[tuple[str, str]]:
-    """(dotted path, name of its class) of each configuration within another."""
+def _paths(value: Any, prefix: str) -> Iterator[tuple[str, type]]:
+    """(dotted path, class) of each configuration within another."""
     for name, inner in vars(value).items():
-        if type(inner).__module__ == Config.__module__:
-            yield f"{prefix}.{name}", type(inner).__name__
+        if is_dataclass(inner):
+            yield f"{prefix}.{name}", type(inner)
             yield from _paths(inner, f"{prefix}.{name}")
 
 

@@ -21,10 +21,10 @@ from gtlayout.io.annotations.native import write_annotations
 from gtlayout.io.cameras.nerfstudio import FILE_NAME as TRANSFORMS_FILE
 from gtlayout.io.cameras.nerfstudio import write_transforms
 from gtlayout.io.files import write_atomic, write_json_atomic
+from gtlayout.io.pixels.exports import JPEG_QUALITY
 from gtlayout.io.pixels.images import encoded, read_rgb, stored_bgr
 from gtlayout.io.pixels.video import Video
 from gtlayout.io.scene_folder import SCENE_FILE, load_scene
-from gtlayout.io.writing.exports import JPEG_QUALITY
 from gtlayout.scene import Camera, Element, Frame, KeyFrame, Scene, VideoFrame
 from variants import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
 from variants import with_key_frames as keep_key_frames

@@ -10,8 +10,8 @@ from camera_formats import FORMATS
 
 from gtlayout.io.cameras.colmap.reader import write_colmap
 from gtlayout.io.files import write_atomic
+from gtlayout.io.pixels.exports import write_jpeg
 from gtlayout.io.pixels.images import read_gray
-from gtlayout.io.writing.exports import write_jpeg
 from gtlayout.io.writing.scene_writers import CAMERA_WRITERS, CameraWriter
 from gtlayout.scene import Frame, Scene
 

@@ -18,10 +18,10 @@ from videos import number_in, pictures, write_video
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.re10k import read_cameras, write_re10k
+from gtlayout.io.pixels.exports import write_jpeg
 from gtlayout.io.pixels.images import read_gray, read_rgb
 from gtlayout.io.pixels.video import Video
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.io.writing.exports import write_jpeg
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
 from gtlayout.scene import Camera, Frame, ImageArray, Scene

@@ -13,9 +13,9 @@ import pytest
 from scene_checks import assert_one_camera_skipped
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.registration import Pinhole, Registration
 from gtlayout.io.cameras.scannet import write_scannet
 from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.io.writing.scene_writers import write_scene

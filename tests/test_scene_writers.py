@@ -14,10 +14,10 @@ from shapely import MultiPolygon, box
 from videos import write_video
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.pixels.exports import write_depth
 from gtlayout.io.pixels.images import decode, read_depth, read_gray, read_rgb
 from gtlayout.io.pixels.video import Video
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.io.writing.exports import write_depth
 from gtlayout.io.writing.scene_writers import AnnotationFormat, CameraFormat, write_scene
 from gtlayout.scene import Scene, VideoFrame
 

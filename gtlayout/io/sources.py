@@ -13,7 +13,7 @@ from typing import Generic, TypeVar
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.registration import Pinhole
+from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.scene import FloatArray, VideoFrame
 
 S = TypeVar("S")

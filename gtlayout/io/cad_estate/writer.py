@@ -23,8 +23,8 @@ from gtlayout.io.cad_estate.room_structure import (
     write_room_structure,
 )
 from gtlayout.io.files import write_atomic, write_json_atomic
+from gtlayout.io.pixels.exports import the_one_size, write_jpeg
 from gtlayout.io.pixels.images import encoded
-from gtlayout.io.writing.exports import the_one_size, write_jpeg
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, Frame, ImageArray, IntArray, Label, Scene
 

@@ -17,8 +17,8 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens, pinhole
-from gtlayout.io.cameras.registration import Pinhole
 from gtlayout.io.cameras.timestamps import match_times
+from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray
 

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.registration import Pinhole, Registration
 from gtlayout.io.cameras.undistort import undistortion
 from gtlayout.io.pixels.images import decode
+from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage
 from gtlayout.scene import Camera, Frame
 

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.registration import Pinhole
+from gtlayout.io.pixels.registration import Pinhole
 
 MAX_SIDE_PX = 1 << 16
 """No image is larger (JPEG's limit); a file that says so must not make us allocate it."""

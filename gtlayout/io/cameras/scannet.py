@@ -14,11 +14,11 @@ import numpy as np
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens
 from gtlayout.io.cameras.poses import cam_from_world, nearest_rotation
-from gtlayout.io.cameras.registration import Pinhole, Registration
 from gtlayout.io.files import write_all_atomic, write_atomic
+from gtlayout.io.pixels.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.pixels.images import encoded, size_of_first
+from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
-from gtlayout.io.writing.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.scene import FloatArray, Frame, Scene
 
 HALF_PX = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
