@@ -46,3 +46,13 @@ class Similarity:
         jacobian[3, :3] = self.R @ ((0.0 if anchor is None else anchor) - self.origin)
         jacobian[3, 3] = 1 / self.scale
         return world, jacobian
+
+
+def covariance_by(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
+    """(4S, 4S) covariance of S planes, propagated by the (4, 4) derivative of each plane's coefficients.
+
+    Block by block, so that what is unknown of one plane, NaN, stays with it.
+    """
+    count = len(covariance) // 4
+    blocks = covariance.reshape(count, 4, count, 4)
+    return np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian).reshape(covariance.shape)

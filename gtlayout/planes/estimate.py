@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtlayout.geometry.similarity import Similarity
+from gtlayout.geometry.similarity import Similarity, covariance_by
 from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray, IntArray
 
@@ -52,19 +52,12 @@ class Estimate:
                     plane,
                     normal=at[:3],
                     d=float(at[3]),
-                    covariance=_turned(plane.covariance, jacobian),
+                    covariance=covariance_by(plane.covariance, jacobian),
                     anchor=anchor,
                 )
                 for plane, at in zip(self.planes, world, strict=True)
             ),
-            covariance=_turned(self.covariance, jacobian),
+            covariance=covariance_by(self.covariance, jacobian),
             landmarks=local.points_to_world(self.landmarks),
             iterations=tuple(Iteration(one.cost, local.planes_to_world(one.planes)[0]) for one in self.iterations),
         )
-
-
-def _turned(covariance: FloatArray, jacobian: FloatArray) -> FloatArray:
-    """(4S, 4S) covariance of planes by their (4, 4) derivative; block by block, so that NaN stays apart."""
-    count = len(covariance) // 4
-    blocks = covariance.reshape(count, 4, count, 4)
-    return np.einsum("ab,sbtd,cd->satc", jacobian, blocks, jacobian).reshape(covariance.shape)

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.instances import Plane, Support
+from gtlayout.geometry.similarity import covariance_by
+from gtlayout.instances import Plane
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimate import Estimate, Iteration
@@ -54,24 +55,28 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
         solution, uncertainty = keep_start(tracks, evidence, start, config)
         astray = ", ".join(instances[s].name for s in lost)
         warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
-    blocks = uncertainty.covariance.reshape(len(instances), 4, len(instances), 4)
+    world, jacobian = local.planes_to_world(solution.planes)
+    covariance = covariance_by(uncertainty.covariance, jacobian)
     held = supports(measured, evidence, solution, uncertainty.held_by)
-    planes = tuple(
-        _plane(solution.planes[s], blocks[s, :, s], held[s], evidence.views[s], config) for s in range(len(instances))
-    )
+    planes = []
+    for s, note in enumerate(_notes(solution.planes, uncertainty.covariance, evidence.views, config)):
+        own = slice(4 * s, 4 * s + 4)
+        planes.append(Plane(world[s, :3], float(world[s, 3]), covariance[own, own], not note, note, held[s]))
     if not any(plane.observable for plane in planes):
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     used = np.isfinite(solution.landmarks[:, 0])
-    found = Estimate(
-        planes=planes,
-        covariance=uncertainty.covariance,
-        landmarks=solution.landmarks,
+    return Estimate(
+        planes=tuple(planes),
+        covariance=covariance,
+        landmarks=local.points_to_world(solution.landmarks),
         landmark_weight=solution.robust_weight,
         landmark_instance=np.where(used, measured.track_instance, -1),
-        iterations=tuple(Iteration(*one) for one in zip(solution.costs, solution.history, strict=True)),
+        iterations=tuple(
+            Iteration(cost, local.planes_to_world(at)[0])
+            for cost, at in zip(solution.costs, solution.history, strict=True)
+        ),
         warnings=tuple(warnings),
     )
-    return found.to_world(local, anchor=np.zeros(3))
 
 
 def optimise(
@@ -147,13 +152,15 @@ def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: View
     return float(np.median(np.sqrt(variance) / np.abs(views.ray[seen] @ plane[:3]) / depth[seen]))
 
 
-def _plane(
-    coefficients: FloatArray, covariance: FloatArray, support: Support, views: Views, config: EstimationConfig
-) -> Plane:
-    if not np.isfinite(coefficients).all():
-        note, observable = "no track and no contact edge places it", False
-    elif not _relative_depth_sigma(coefficients, covariance, views) < config.unobservable_depth:
-        note, observable = "nothing but weak priors determines it", False
-    else:
-        note, observable = "", True
-    return Plane(coefficients[:3], float(coefficients[3]), covariance, observable, note, support)
+def _notes(planes: FloatArray, covariance: FloatArray, views: Sequence[Views], config: EstimationConfig) -> list[str]:
+    """Why each of (S, 4) planes is unobservable; empty when it is not."""
+    notes = []
+    for s, plane in enumerate(planes):
+        own = slice(4 * s, 4 * s + 4)
+        if not np.isfinite(plane).all():
+            notes.append("no track and no contact edge places it")
+        elif not _relative_depth_sigma(plane, covariance[own, own], views[s]) < config.unobservable_depth:
+            notes.append("nothing but weak priors determines it")
+        else:
+            notes.append("")
+    return notes
