@@ -17,8 +17,13 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-import adam
-from command_line import Jobs, exit_status, new_app
+from common import adam
+from common.command_line import Jobs, exit_status, new_app
+from common.metrics import Metric, write_tables
+from common.plots import per_scene, sigma_against_error
+from common.runner import SceneRows, errors_of, find_scenes, run_scenes
+from common.scoring import refused, score, summary
+from common.table1 import OURS
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.evaluate import evaluate
@@ -30,11 +35,6 @@ from gtlayout.method import prepare, solve_planes
 from gtlayout.prepared.measurements import Prepared
 from gtlayout.quality.assess import assess
 from gtlayout.scene import FloatArray
-from metrics import Metric, write_tables
-from plots import per_scene, sigma_against_error
-from runner import SceneRows, errors_of, find_scenes, run_scenes
-from scoring import refused, score, summary
-from table1 import OURS
 
 PAPERS = "paper"
 RUNS = (1, 10, 30, 100)

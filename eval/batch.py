@@ -19,18 +19,18 @@ import psutil
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from batch_runs import MARK, batch, course, differences, ends_s, environment
-from broken_scenes import make_data_set, wrongly_recorded
-from command_line import exit_status, new_app
-from dask_processes import DaskProcesses, dask_processes, kill, left_behind
+from common.batch_runs import MARK, batch, course, differences, ends_s, environment
+from common.command_line import exit_status, new_app
+from common.dask_processes import DaskProcesses, dask_processes, kill, left_behind
+from common.memory_use import Use, Watch, slope_kib
+from common.metrics import Metric, write_tables
+from common.plots import courses
 from gtlayout.batch.run_folder import is_run, read_run
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.errors import GtlayoutError
-from memory_use import Use, Watch, slope_kib
-from metrics import Metric, write_tables
-from plots import courses
+from simulated.broken_scenes import make_data_set, wrongly_recorded
 
-PLAIN_LOOP = Path(__file__).with_name("plain_loop.py")
+PLAIN_LOOP = Path(__file__).parent / "common/plain_loop.py"
 VICTIMS = ("client", "worker", "nanny", "scheduler")
 MEMORY = "1.5GiB"
 """Of a worker with its scene; what eats memory is to reach it soon."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
-from command_line import Jobs, exit_status, new_app
+from common.command_line import Jobs, exit_status, new_app
 from gtlayout.cli.console import progress_bars
 from gtlayout.errors import GtlayoutError
 from gtlayout.synth import SynthConfig, levels

@@ -16,8 +16,11 @@ import numpy as np
 from cyclopts import Parameter
 
 from benchmark_rooms import LEVELS
-from command_line import Jobs, exit_status, new_app
-from consistency import PLANE_DOF, coverage, nees, plane_error_at, rank_correlation, share_of
+from common.command_line import Jobs, exit_status, new_app
+from common.consistency import PLANE_DOF, coverage, nees, plane_error_at, rank_correlation, share_of
+from common.metrics import Metric, write_tables
+from common.plots import reliability, sigma_against_error
+from common.runner import SceneRows, errors_of, run_scenes, scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.element_scores import centroid_world, match_instances, plane_error
@@ -31,9 +34,6 @@ from gtlayout.io.truth import Truth, read_truth
 from gtlayout.method import solve
 from gtlayout.scene import OPENINGS, Camera, FloatArray, Scene
 from gtlayout.solution import Solution
-from metrics import Metric, write_tables
-from plots import reliability, sigma_against_error
-from runner import SceneRows, errors_of, run_scenes, scenes_by_folder
 
 NOMINAL = (0.5, 0.9, 0.95)
 WRONG_M = 0.1

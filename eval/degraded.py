@@ -8,9 +8,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-import variant_tables
-from command_line import Jobs, exit_status, new_app
-from degradations import kind_of
+from common.command_line import Jobs, exit_status, new_app
+from variants import tables as variant_tables
+from variants.degradations import kind_of
 
 RESULTS = Path(__file__).with_name("results") / "degraded"
 

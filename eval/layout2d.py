@@ -29,7 +29,9 @@ from rich.console import Console
 from rich.progress import track
 from scipy.optimize import linear_sum_assignment
 
-from command_line import exit_status, new_app
+from common.command_line import exit_status, new_app
+from common.metrics import Metric, markdown_table, mean_over, write_tables
+from common.wireframe import Edge, group_elements, visible_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.render import render as render_layout
 from gtlayout.io.files import json_text, path_inside, read_json, write_all_atomic, write_json_atomic
@@ -38,8 +40,6 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.results.layout_files import read_layout
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
-from metrics import Metric, markdown_table, mean_over, write_tables
-from wireframe import Edge, group_elements, visible_edges
 
 INDEX = "index.json"
 INDEX_FORMAT = "gtlayout-layout2d/1"

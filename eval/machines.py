@@ -16,16 +16,16 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from command_line import GTLAYOUT, exit_status, new_app
+from common.command_line import GTLAYOUT, exit_status, new_app
+from common.metrics import Metric, write_tables
+from common.runner import scenes_by_folder
+from common.solve_here import DECISIONS_FILE, STAGES_FILE
 from gtlayout.errors import GtlayoutError
 from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.scene import FloatArray
-from metrics import Metric, write_tables
 from processors import KINDS, LIBRARIES, imitation
-from runner import scenes_by_folder
-from solve_here import DECISIONS_FILE, STAGES_FILE
 
-SOLVE_HERE = Path(__file__).with_name("solve_here.py")
+SOLVE_HERE = Path(__file__).parent / "common/solve_here.py"
 app = new_app("machines", __doc__)
 
 

@@ -16,17 +16,17 @@ from pathlib import Path
 
 import cv2
 
-from clip_forms import forms
-from degradations import degradations
+from common.metrics import FORMAT, read_rows
+from common.runner import SceneRows
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.processes import single_threaded
 from gtlayout.scene import Scene
-from metrics import FORMAT, read_rows
-from runner import SceneRows
-from variant_measures import measure
-from variants import Makers
+from variants.clip_forms import forms
+from variants.degradations import degradations
+from variants.measures import measure
+from variants.variant import Makers
 
 VARIANTS: dict[str, Callable[[Scene], Makers]] = {"forms": forms, "degradations": degradations}
 

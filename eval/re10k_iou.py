@@ -12,7 +12,10 @@ from typing import Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from command_line import Jobs, exit_status, new_app
+from common.command_line import Jobs, exit_status, new_app
+from common.metrics import Metric
+from common.runner import SceneRows
+from common.table1 import OURS, annotated_scenes, measure_ours, score_scenes, summary_row, write_summary
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Instance
 from gtlayout.io.cad_estate.room_structure import FILE_NAME, RoomStructure, read_room_structure
@@ -20,9 +23,6 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.quality.config import QualityConfig
 from gtlayout.quality.reprojection import element_ious, mean_by_frame
 from gtlayout.scene import Scene
-from metrics import Metric
-from runner import SceneRows
-from table1 import OURS, annotated_scenes, measure_ours, score_scenes, summary_row, write_summary
 
 PUBLISHED = "published"
 

@@ -20,7 +20,8 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 from shapely import MultiPolygon, Polygon
 
-from command_line import exit_status, new_app
+from common.command_line import exit_status, new_app
+from common.metrics import Metric, write_tables
 from gtlayout.io.annotations import labelme, native
 from gtlayout.io.annotations.coco import reader as coco
 from gtlayout.io.annotations.coco.reader import write_coco
@@ -35,7 +36,6 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, Reader
 from gtlayout.scene import LABELS, Camera, Element, Frame, ImageArray, KeyFrame
 from gtlayout.synth import SynthConfig, synthesize
-from metrics import Metric, write_tables
 from speed import MIB, run_solve
 
 SHAPES_PER_IMAGE = 10

@@ -9,9 +9,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-import variant_tables
-from command_line import Jobs, exit_status, new_app
+from common.command_line import Jobs, exit_status, new_app
 from gtlayout.errors import GtlayoutError
+from variants import tables as variant_tables
 
 RESULTS = Path(__file__).with_name("results") / "real-clips"
 

@@ -12,11 +12,11 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from command_line import GTLAYOUT, Jobs, exit_status, new_app
+from common.command_line import GTLAYOUT, Jobs, exit_status, new_app
+from common.runner import scenes_by_folder
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
 from gtlayout.processes import single_threaded
-from runner import scenes_by_folder
 
 FILES = ("layout.json", "layout.ply", "layout.glb", "quality.json")
 RENAMED: dict[str, str] = {}

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from command_line import Jobs, exit_status, new_app
-from table1 import OURS, annotated_scenes, measure_ours, score_scenes, summary_row, write_summary
+from common.command_line import Jobs, exit_status, new_app
+from common.table1 import OURS, annotated_scenes, measure_ours, score_scenes, summary_row, write_summary
 
 app = new_app("scannet_depth", __doc__)
 

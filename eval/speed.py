@@ -17,10 +17,11 @@ import numpy as np
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-import adam
-import simulation
 from ablation import RUNS, Series, own_planes, paper_planes, paper_problem, run_series
-from command_line import GTLAYOUT, exit_status, new_app
+from common import adam
+from common.command_line import GTLAYOUT, exit_status, new_app
+from common.metrics import Metric, write_tables
+from common.runner import scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
@@ -32,11 +33,10 @@ from gtlayout.prepared.measurements import Measurements, Prepared
 from gtlayout.solution import Solution
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.triangulation import triangulate
-from metrics import Metric, write_tables
-from runner import scenes_by_folder
-from simulated_room import make_room, prism_faces, ring
+from simulated import simulation
+from simulated.simulated_room import make_room, prism_faces, ring
 
-CHILD_USAGE = Path(__file__).with_name("child_usage.py")
+CHILD_USAGE = Path(__file__).parent / "common/child_usage.py"
 MIB = 1 << 20
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from common.metrics import Metric
 from gtlayout.errors import GtlayoutError
-from metrics import Metric
 
 
 def measure(folder: Path) -> dict[str, list[Metric]]:

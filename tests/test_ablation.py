@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import ablation
-import adam
 import benchmark_rooms
+from common import adam
+from common.metrics import Metric, read_rows
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane
@@ -18,7 +19,6 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import prepare
 from gtlayout.prepared.measurements import Prepared
 from gtlayout.synth import SynthConfig
-from metrics import Metric, read_rows
 
 
 @pytest.fixture(scope="module")

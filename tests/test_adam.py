@@ -9,12 +9,10 @@ import numpy.typing as npt
 import pytest
 from shapely import MultiPolygon
 
-import adam
-import simulated_edges
-import simulated_room
-import simulation
+from common import adam
 from gtlayout.instances import Instance
 from gtlayout.scene import FloatArray
+from simulated import simulated_edges, simulated_room, simulation
 
 ONLY_TRACKS = adam.AdamConfig(edge_weight=0.0, perpendicularity_weight=0.0)
 ONLY_EDGES = adam.AdamConfig(track_weight=0.0, perpendicularity_weight=0.0)

@@ -12,13 +12,13 @@ from typing import get_args
 import pytest
 from distributed import Client
 
-from batch_runs import MARK, batch, environment
-from broken_scenes import link_scene, misbehave
-from dask_processes import DaskProcesses, dask_processes, kill, left_behind
+from common.batch_runs import MARK, batch, environment
+from common.dask_processes import DaskProcesses, dask_processes, kill, left_behind
 from gtlayout.batch.record import scene_folder
 from gtlayout.batch.run_folder import read_run
 from gtlayout.quality.headline import Word
 from gtlayout.synth import SynthConfig, synthesize
+from simulated.broken_scenes import link_scene, misbehave
 
 FILES = {"layout.json", "layout.glb", "layout.ply", "quality.json", "report.html", "thumbnail.jpg", "record.json"}
 

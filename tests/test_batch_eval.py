@@ -11,12 +11,12 @@ import psutil
 import pytest
 
 import batch
-from batch_runs import course, differences
-from broken_scenes import BROKEN, make_data_set, wrongly_recorded
+from common.batch_runs import course, differences
+from common.memory_use import Use, slope_kib, use_of
+from common.metrics import Metric
 from gtlayout.batch.record import Record, scene_folder, write_record
 from gtlayout.io.files import write_atomic
-from memory_use import Use, slope_kib, use_of
-from metrics import Metric
+from simulated.broken_scenes import BROKEN, make_data_set, wrongly_recorded
 
 
 def value(metrics: list[Metric], key: str) -> float:

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from batch_runs import batch
-from broken_scenes import BROKEN, link_scene, misbehave, wrongly_recorded
+from common.batch_runs import batch
 from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Failure, Record, scene_folder
 from gtlayout.batch.run_folder import read_run
 from gtlayout.synth import SynthConfig, synthesize
+from simulated.broken_scenes import BROKEN, link_scene, misbehave, wrongly_recorded
 
 OPTIONS = ("--workers", "2", "--memory-limit", "1GiB")
 MISBEHAVE: dict[str, tuple[Failure, str]] = {

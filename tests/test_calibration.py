@@ -12,6 +12,8 @@ import rooms
 
 import calibration
 from calibration import Row
+from common.metrics import Metric, read_rows
+from common.runner import scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane
@@ -20,8 +22,6 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.method import solve
 from gtlayout.solution import Solution
-from metrics import Metric, read_rows
-from runner import scenes_by_folder
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ from gtlayout.synth.errors import CameraErrors, disturb_cameras
 from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
-from simulated_room import Room, make_room, orbit
-from simulation import make_tracks
+from simulated.simulated_room import Room, make_room, orbit
+from simulated.simulation import make_tracks
 
 CONFIG = Config(refine_cameras=True)
 POOR = CameraErrors(rotation_sigma_deg=0.15, position_sigma_m=0.01)

@@ -15,9 +15,9 @@ from gtlayout.instances import Plane
 from gtlayout.planes.estimate import Estimate
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.tracks import Tracks
-from simulated_edges import jitter, spoil, true_edges
-from simulated_room import Room, dolly, make_room, orbit
-from simulation import depth_errors, errors, make_tracks, solve
+from simulated.simulated_edges import jitter, spoil, true_edges
+from simulated.simulated_room import Room, dolly, make_room, orbit
+from simulated.simulation import depth_errors, errors, make_tracks, solve
 
 TRACKS = 600
 SEEDS = range(6)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from consistency import coverage, nees, plane_error_at, rank_correlation, share_of
+from common.consistency import coverage, nees, plane_error_at, rank_correlation, share_of
 from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.scene import FloatArray
 

@@ -16,9 +16,9 @@ from gtlayout.scene import FloatArray
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.triangulation import triangulate
-from simulated_edges import edges_along, jitter, shifted, true_edges
-from simulated_room import Face, Room, box_faces, make_room, orbit
-from simulation import make_tracks, measurements
+from simulated.simulated_edges import edges_along, jitter, shifted, true_edges
+from simulated.simulated_room import Face, Room, box_faces, make_room, orbit
+from simulated.simulation import make_tracks, measurements
 
 CONFIG = EstimationConfig()
 BOTTOM_LEFT, TOP_LEFT, TOP_RIGHT, BOTTOM_RIGHT = np.array(

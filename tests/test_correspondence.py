@@ -20,8 +20,8 @@ from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFram
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
-from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
-from simulation import chosen, make_tracks, no_tracks, true_instance
+from simulated.simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
+from simulated.simulation import chosen, make_tracks, no_tracks, true_instance
 
 CONFIG = CorrespondenceConfig()
 TRACKS_ONLY = replace(CONFIG, carried_weight=0.0)

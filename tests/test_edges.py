@@ -15,8 +15,8 @@ from shapely.geometry.base import BaseGeometry
 from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
 from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, Frame, KeyFrame, Scene
-from simulated_edges import true_edges
-from simulated_room import as_multi, make_room, orbit
+from simulated.simulated_edges import true_edges
+from simulated.simulated_room import as_multi, make_room, orbit
 
 CONFIG = EdgeConfig()
 LEFT, RIGHT = shapely.box(20, 20, 100, 120), shapely.box(100, 20, 180, 120)

@@ -16,9 +16,9 @@ from gtlayout.planes.estimation import estimate
 from gtlayout.scene import Element, KeyFrame
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.triangulation import triangulate
-from simulated_edges import jitter, true_edges
-from simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
-from simulation import chosen, errors, make_tracks, measurements, nees, no_tracks, solve
+from simulated.simulated_edges import jitter, true_edges
+from simulated.simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
+from simulated.simulation import chosen, errors, make_tracks, measurements, nees, no_tracks, solve
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 EXACT = EstimationConfig(settled=0.0, relative_decrease=1e-9)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.metrics import FORMAT, Metric, csv_table, markdown_table, mean_over, read_rows, write_tables
 from gtlayout.errors import GtlayoutError
-from metrics import FORMAT, Metric, csv_table, markdown_table, mean_over, read_rows, write_tables
 
 
 def _iou(value: float) -> Metric:

@@ -18,7 +18,9 @@ from measures import measure
 
 import re10k_iou
 import scannet_depth
-import table1
+from common import table1
+from common.metrics import read_rows
+from common.runner import SceneRows, errors_of, find_scenes, run_scenes
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.cad_estate import write_cad_estate
@@ -28,8 +30,6 @@ from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
 from gtlayout.scene import Scene
 from gtlayout.synth import SynthConfig, synthesize
-from metrics import read_rows
-from runner import SceneRows, errors_of, find_scenes, run_scenes
 
 Edit = Callable[[Path, Callable[[Any], object]], None]
 

@@ -18,9 +18,9 @@ from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
-from simulated_edges import true_edges
-from simulated_room import Room, box_faces, make_room, orbit
-from simulation import chosen, make_tracks, measurements, true_instance
+from simulated.simulated_edges import true_edges
+from simulated.simulated_room import Room, box_faces, make_room, orbit
+from simulated.simulation import chosen, make_tracks, measurements, true_instance
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 CONFIG = EstimationConfig()

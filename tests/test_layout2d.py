@@ -17,6 +17,8 @@ import pytest
 import rooms
 
 import layout2d
+from common.metrics import read_rows
+from common.wireframe import Edge, group_elements, visible_edges, visible_regions
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
@@ -28,8 +30,6 @@ from gtlayout.quality.assess import assess
 from gtlayout.results.layout_files import write_results
 from gtlayout.scene import Camera, FloatArray
 from layout2d import draw_wireframe, label_image, pixel_error, score_folder
-from metrics import read_rows
-from wireframe import Edge, group_elements, visible_edges, visible_regions
 
 SCRIPT = Path(layout2d.__file__)
 Edit = Callable[[Path, Callable[[Any], object]], None]

@@ -12,9 +12,9 @@ import pytest
 
 import machines
 import processors
+from common.metrics import read_rows
 from gtlayout.scene import FloatArray
 from machines import Found, compare, worst_of
-from metrics import read_rows
 
 PROCESSORS = Path(processors.__file__)
 FEATURES = """

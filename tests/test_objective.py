@@ -22,9 +22,9 @@ from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from simulated_edges import true_edges
-from simulated_room import Room, make_room, orbit
-from simulation import errors, make_tracks, measurements, solve
+from simulated.simulated_edges import true_edges
+from simulated.simulated_room import Room, make_room, orbit
+from simulated.simulation import errors, make_tracks, measurements, solve
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
 CONFIG = EstimationConfig()

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from matplotlib import rcParams
 
+from common.plots import by_variant, per_scene, reliability, sigma_against_error
 from gtlayout.errors import GtlayoutError
 from gtlayout.scene import FloatArray
-from plots import by_variant, per_scene, reliability, sigma_against_error
 
 RNG = np.random.default_rng(0)
 SCENES = [f"scene{i:04d}" for i in range(64)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import reading
-from metrics import read_rows
+from common.metrics import read_rows
 
 
 def test_small_files_and_a_short_video(tmp_path: Path) -> None:

@@ -26,8 +26,8 @@ from gtlayout.solution import Solution
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import Rays, triangulate
-from simulated_room import Room, make_room, orbit
-from simulation import chosen, make_tracks
+from simulated.simulated_room import Room, make_room, orbit
+from simulated.simulation import chosen, make_tracks
 
 CONFIG = Config()
 FACING = np.array([0.0, -1.0, 0.0, 10.0])

@@ -13,15 +13,15 @@ import gtsam
 import numpy as np
 import pytest
 
-import adam
 import speed
+from common import adam
+from common.metrics import Metric, read_rows
 from gtlayout.config import Config
 from gtlayout.planes import graph
 from gtlayout.planes.evidence import gather
 from gtlayout.planes.starts import best_start
 from gtlayout.synth import SynthConfig, synthesize
 from gtlayout.tracking.normalisation import Normalisation
-from metrics import Metric, read_rows
 
 SMALL = speed.Size(tracks=60, frames=60, key_frames=4)
 

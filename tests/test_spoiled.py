@@ -13,15 +13,14 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from shapely import MultiPolygon, box
 
-import spoiled_cameras
-import spoiled_drawings
-from degradations import degradations, kind_of
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Label, Scene
-from spoiled_cameras import path_length
+from variants import spoiled_cameras, spoiled_drawings
+from variants.degradations import degradations, kind_of
+from variants.spoiled_cameras import path_length
 
 WALK = [rooms.level_camera([0.1 * i, 0.2 * np.sin(i), 1.2 + 0.01 * i]) for i in range(11)]
 VIEW = rooms.facing_camera()

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from simulated_edges import true_edges
-from simulated_room import make_room, orbit
-from simulation import chosen, make_tracks, solve, true_instance
+from simulated.simulated_edges import true_edges
+from simulated.simulated_room import make_room, orbit
+from simulated.simulation import chosen, make_tracks, solve, true_instance
 
 KEY_FRAMES = [2, 10, 18]
 

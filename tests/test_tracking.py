@@ -22,7 +22,7 @@ from gtlayout.tracking.klt import PairTracker
 from gtlayout.tracking.sampling import sample_points, texture_sigma_px
 from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks
-from simulated_room import as_multi
+from simulated.simulated_room import as_multi
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 260.0
 K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])

@@ -12,8 +12,8 @@ from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import camera_path, parallax_deg, triangulate
-from simulated_room import look_at, make_room, orbit
-from simulation import make_tracks, no_tracks
+from simulated.simulated_room import look_at, make_room, orbit
+from simulated.simulation import make_tracks, no_tracks
 
 CONFIG = TriangulationConfig()
 

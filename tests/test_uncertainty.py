@@ -13,7 +13,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from consistency import coverage, nees
+from common.consistency import coverage, nees
 from gtlayout.edges import ContactEdge
 from gtlayout.instances import HeldBy
 from gtlayout.planes import uncertainty
@@ -27,9 +27,9 @@ from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
-from simulated_edges import jitter, true_edges
-from simulated_room import Room, box_faces, make_room, orbit
-from simulation import make_tracks, measurements, true_instance
+from simulated.simulated_edges import jitter, true_edges
+from simulated.simulated_room import Room, box_faces, make_room, orbit
+from simulated.simulation import make_tracks, measurements, true_instance
 
 RELATIVE_SIGMA = 0.003
 """σ of a track's depth as a share of depth."""

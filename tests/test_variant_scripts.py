@@ -11,15 +11,15 @@ import pytest
 
 import degraded
 import real_clips
-import variant_tables
+from common.metrics import Metric, read_rows
+from common.runner import SceneRows
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.synth import SynthConfig, synthesize
 from measure_variant import VARIANTS
-from metrics import Metric, read_rows
-from runner import SceneRows
-from variant_measures import WHOLE, measure
-from variant_tables import Outcome
+from variants import tables as variant_tables
+from variants.measures import WHOLE, measure
+from variants.tables import Outcome
 
 SMALL = SynthConfig(frames=12, key_every=4, width=160, height=120, oversample=1)
 

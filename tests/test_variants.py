@@ -12,7 +12,7 @@ import rooms
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from clip_forms import forms, sources_by_id, write_video
+from common.metrics import Metric
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.instances import Mesh, Plane
@@ -24,8 +24,8 @@ from gtlayout.layout import Layout
 from gtlayout.quality.measures import InstanceQuality, Verdict
 from gtlayout.scene import Camera, FloatArray, Scene
 from measure_variant import measured_apart
-from metrics import Metric
-from variant_measures import (
+from variants.clip_forms import forms, sources_by_id, write_video
+from variants.measures import (
     OFF_SHARE,
     WHOLE,
     carried,
@@ -36,7 +36,7 @@ from variant_measures import (
     plane_rows,
     points_on,
 )
-from variants import Similarity, all_drawn, variant, with_frames
+from variants.variant import Similarity, all_drawn, variant, with_frames
 
 CAMERAS = [rooms.level_camera([x, 0.5, 1.2]) for x in (1.5, 2.0, 2.5)]
 MOVED = Similarity(7.3, Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix(), np.array([6000.0, -64.0, 4.8]))

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-import consistency
+from common import consistency
 from gtlayout.edges import ContactEdge
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.instances import Plane
@@ -22,8 +22,8 @@ from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
-from simulated_edges import true_edges
-from simulated_room import Room, unproject
+from simulated.simulated_edges import true_edges
+from simulated.simulated_room import Room, unproject
 
 
 def make_tracks(

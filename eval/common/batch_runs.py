@@ -8,14 +8,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from broken_scenes import FAULTS
-from command_line import GTLAYOUT
+from common.command_line import GTLAYOUT
+from common.metrics import Metric
 from gtlayout.batch.record import RECORD_FILE, SOLVE_LOG_FILE, Record, read_record, scene_folder
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
 from gtlayout.processes import ONE_THREAD
 from gtlayout.results.names import REPORT_FILE, TIMINGS_FILE
-from metrics import Metric
+from simulated.broken_scenes import FAULTS
 
 MARK = "GTLAYOUT_EVAL"
 """In the environment of all that a script starts, with its process id: so that it finds what it left behind."""

@@ -26,8 +26,8 @@ from gtlayout.io.pixels.images import encoded, read_rgb, stored_bgr
 from gtlayout.io.pixels.video import Video
 from gtlayout.io.scene_folder import SCENE_FILE, load_scene
 from gtlayout.scene import Camera, Element, Frame, KeyFrame, Scene, VideoFrame
-from variants import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
-from variants import with_key_frames as keep_key_frames
+from variants.variant import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
+from variants.variant import with_key_frames as keep_key_frames
 
 FAR_M = np.array([6000.0, -6400.0, 4800.0])
 """10⁴ m: as far as a national grid's origin is from a town."""

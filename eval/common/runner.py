@@ -17,13 +17,13 @@ import cv2
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from common.metrics import FORMAT, Metric, read_rows
 from gtlayout.batch.fingerprint import fingerprint, inputs_of, program
 from gtlayout.batch.scenes import has_cameras
 from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.io.scene_folder import CAMERA_READERS
 from gtlayout.processes import single_threaded
-from metrics import FORMAT, Metric, read_rows
 
 SceneRows = dict[str, list[Metric]]
 """Label of a row (a method, a variant) → what was measured for it in one scene."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from gtlayout.batch.record import Failure, Record
 from gtlayout.io.files import write_atomic
 
-FAULTS = Path(__file__).parents[1] / "tests/faults"
+FAULTS = Path(__file__).parents[2] / "tests/faults"
 """To be on PYTHONPATH, so that solver processes do what ``misbehave`` asks for."""
 
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from common.metrics import Metric, mean_over
 from gtlayout.evaluation.evaluate import DepthError, Evaluation
-from metrics import Metric, mean_over
 
 QUALITY_CONTROLLED = ("iou", "depth_error", "depth_error_trimmed", "precision", "recall")
 """Columns that a summary gives over the accepted scenes, too."""

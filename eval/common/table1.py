@@ -7,14 +7,14 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+from common.metrics import Metric, write_tables
+from common.runner import Measure, SceneRows, errors_of, find_scenes, run_scenes
+from common.scoring import refused, score, summary
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.io.scene_folder import ANNOTATION_READERS, load_scene
 from gtlayout.method import solve
-from metrics import Metric, write_tables
-from runner import Measure, SceneRows, errors_of, find_scenes, run_scenes
-from scoring import refused, score, summary
 
 OURS = "gtlayout"
 Scores = dict[str, list[Metric]]

@@ -16,7 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from consistency import coverage, nees, plane_error_at
+from common.consistency import coverage, nees, plane_error_at
+from common.memory_use import MIB
+from common.metrics import Metric
+from common.runner import SceneRows
+from common.scoring import depth_metrics
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.element_scores import match_instances
@@ -30,11 +34,7 @@ from gtlayout.method import solve
 from gtlayout.quality.measures import InstanceQuality
 from gtlayout.scene import Camera, Element, FloatArray
 from gtlayout.solution import Solution
-from memory_use import MIB
-from metrics import Metric
-from runner import SceneRows
-from scoring import depth_metrics
-from variants import Variant
+from variants.variant import Variant
 
 OFF_M, OFF_DEG = 0.1, 5.0
 """A plane that is farther off than one of these is off …"""

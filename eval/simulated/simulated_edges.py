@@ -11,7 +11,7 @@ import shapely
 
 from gtlayout.edges import ContactEdge
 from gtlayout.scene import FloatArray
-from simulated_room import Room
+from simulated.simulated_room import Room
 
 EDGE_STEP_PX, MIN_EDGE_PX = 4.0, 20.0
 """Distance of the points on an edge, and the shortest one that is drawn."""

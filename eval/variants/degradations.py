@@ -12,8 +12,8 @@ import numpy as np
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Scene
-from spoiled_cameras import Cameras, spoiled_cameras
-from spoiled_drawings import (
+from variants.spoiled_cameras import Cameras, spoiled_cameras
+from variants.spoiled_drawings import (
     Drawn,
     drawn,
     jittered,
@@ -25,7 +25,7 @@ from spoiled_drawings import (
     swapped_labels,
     visible_on_furniture,
 )
-from variants import Makers, Variant, all_drawn, redrawn, variant, with_cameras, with_key_frames
+from variants.variant import Makers, Variant, all_drawn, redrawn, variant, with_cameras, with_key_frames
 
 SHIFTS_PX = (15.0, 30.0)
 JITTER_PX = 8.0

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
+from common.metrics import Metric, csv_table, markdown_table, mean_over, write_tables
+from common.plots import by_variant
+from common.runner import SceneRows, Task, errors_of, run_tasks, scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_all_atomic
 from gtlayout.io.scene_folder import load_scene
 from measure_variant import VARIANTS, measured_apart
-from metrics import Metric, csv_table, markdown_table, mean_over, write_tables
-from plots import by_variant
-from runner import SceneRows, Task, errors_of, run_tasks, scenes_by_folder
-from variant_measures import WHOLE
+from variants.measures import WHOLE
 
 COUNTS = ("failed", "planes", "missing", "off", "wrong_and_certain", "right", "elements", "warnings")
 """Columns that a summary adds up."""

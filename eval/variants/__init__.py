@@ -1,0 +1,1 @@
+"""Scenes in other forms, and spoiled ones, and how they are measured."""
