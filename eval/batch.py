@@ -88,7 +88,7 @@ def trial(
         *memory(watch.seen, sorted(end_s.values()), out / "memory.png"),
     ]
     write_tables(out, "trial", {run.name: metrics}, "run")
-    return told(out / "trial.md", wrong)
+    return exit_status_of(out / "trial.md", wrong)
 
 
 def memory(seen: list[Use], finished_s: Sequence[float], plot: Path) -> list[Metric]:
@@ -166,7 +166,7 @@ def kills(
         for number, one in enumerate(done, start=1)
     }
     write_tables(out, "kills", rows, "kill")
-    return told(out / "kills.md", wrong)
+    return exit_status_of(out / "kills.md", wrong)
 
 
 def disturb(
@@ -298,7 +298,7 @@ def new_folders(out: Path, *names: str) -> list[Path]:
     return [out / name for name in names]
 
 
-def told(table: Path, wrong: list[str]) -> int:
+def exit_status_of(table: Path, wrong: list[str]) -> int:
     """Print the table and what is wrong; the exit status."""
     print(table.read_text(encoding="utf-8"))
     for line in wrong:

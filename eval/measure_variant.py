@@ -38,8 +38,8 @@ def measured_apart(kind: str, scene: Path, name: str) -> SceneRows:
         command = [sys.executable, __file__, kind, str(scene), name, str(out)]
         ran = subprocess.run(command, capture_output=True, text=True, check=False)
         if ran.returncode != 0:
-            said = ran.stderr.strip().splitlines()
-            raise GtlayoutError(said[-1] if said else f"the process died with status {ran.returncode}")
+            lines = ran.stderr.strip().splitlines()
+            raise GtlayoutError(lines[-1] if lines else f"the process died with status {ran.returncode}")
         return read_rows(out)
 
 

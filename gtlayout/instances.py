@@ -26,7 +26,7 @@ class Instance:
     """For doors and windows: index of the instance whose plane they lie in; None when they have none."""
 
 
-HeldBy = Literal["", "tracks", "contact edges", "right angles", "priors"]
+EvidenceKind = Literal["", "tracks", "contact edges", "right angles", "priors"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Support:
     """Contact edges with other placed planes, counted in each key frame."""
     edge_px: float = np.nan
     """Median distance of its contact edges, as drawn, from the lines in which the planes meet; NaN without edges."""
-    held_by: HeldBy = ""
+    held_by: EvidenceKind = ""
     """The strongest kind of evidence that the plane rests on; empty when it is not known."""
 
 

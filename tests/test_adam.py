@@ -91,9 +91,9 @@ def test_the_losses_in_closed_form() -> None:
         axes=np.eye(3),
         views=np.array([[-1.0, 0, 0, 1, 0, 0, 1], [1.0, 0, 0, 1, 0, 0, 1]]).T,
         track_length=np.array([2]),
-        track_surface=np.array([0]),
+        track_instance=np.array([0]),
         edge_views=np.array([[0.0, 0, 0, 1, 0.75, 0, 1]]).T,
-        edge_surfaces=np.array([[0], [1]]),
+        edge_instances=np.array([[0], [1]]),
         perpendicular=np.array([[0.0, 1.0], [1.0, 0.0]]),
     )
     planes = np.array([[0.0, 0, -1, 5], [0, 0, -1, 4]])
@@ -189,7 +189,7 @@ def test_tracks_on_furniture_count_only_where_a_plane_has_no_others(orbit: simul
 
 def test_a_share_of_each_planes_tracks_is_drawn(problem: adam.Problem) -> None:
     chosen = adam.draw(problem, 0.5, np.random.default_rng(0))
-    have = np.bincount(problem.track_surface)
-    got = np.bincount(problem.track_surface[chosen])
+    have = np.bincount(problem.track_instance)
+    got = np.bincount(problem.track_instance[chosen])
     np.testing.assert_array_equal(got, np.ceil(have / 2))
     assert (np.diff(chosen) > 0).all()

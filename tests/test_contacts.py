@@ -73,7 +73,7 @@ def start(
 
 
 def pairs(evidence: Evidence) -> set[tuple[int, ...]]:
-    return {tuple(sorted(group.surfaces)) for group in evidence.edges}
+    return {tuple(sorted(group.instances)) for group in evidence.edges}
 
 
 def test_right_contacts_are_all_kept(room: Room) -> None:

@@ -21,7 +21,7 @@ import pytest
 
 from gtlayout.cli.app import app
 from gtlayout.config import Config
-from gtlayout.instances import HeldBy, Instance, Plane, Support
+from gtlayout.instances import EvidenceKind, Instance, Plane, Support
 from gtlayout.io.scene_folder import ANNOTATION_READERS, CAMERA_READERS
 from gtlayout.processes import ONE_THREAD
 from gtlayout.quality.causes import causes
@@ -214,7 +214,7 @@ def test_messages_in_troubleshooting_are_the_programs_own() -> None:
 def causes_of_weakness() -> list[str]:
     """Those that are put together of several words."""
     instance = Instance("wall_0", "wall", ())
-    supports = [Support(tracks, held_by=kind) for tracks in (0, 7) for kind in get_args(HeldBy)]
+    supports = [Support(tracks, held_by=kind) for tracks in (0, 7) for kind in get_args(EvidenceKind)]
     planes = [Plane(np.zeros(3), 0.0, np.eye(4), True, support=support) for support in supports]
     return [cause for plane in planes for cause in causes(instance, plane, QualityConfig())]
 

@@ -216,7 +216,7 @@ def test_marginals_are_calibrated(room: Room) -> None:
     for seed in range(5):
         noise = rng(seed)
         edges = jitter(true_edges(room), noise, config.sigma_edge_shift_px, config.sigma_edge_tilt_px)
-        tracks = make_tracks(room, noise, sigma_px=1.0, relief=config.sigma_surface)
+        tracks = make_tracks(room, noise, sigma_px=1.0, relief=config.sigma_relief)
         values.append(nees(room, solve(room, tracks, edges, config).planes))
     # 3 is expected were all observations of a track independent; the model takes up to half of them to be so.
     assert 0.3 < np.mean(values) < 4.5

@@ -15,7 +15,7 @@ import gtlayout.planes.graph
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.estimation import led_astray
 from gtlayout.planes.evidence import Evidence, gather
-from gtlayout.planes.graph import solve as solve_graph
+from gtlayout.planes.graph import optimise_graph
 from gtlayout.planes.objective import cauchy_loss, cost_of
 from gtlayout.planes.structural_factors import edge_factors
 from gtlayout.scene import BoolArray, FloatArray
@@ -72,17 +72,17 @@ def test_the_truth_is_cheapest_and_every_term_counts_for_its_surfaces(room: Room
     center = local.scale * (room.seen_center(wall) - local.origin)
     worse = cost_of(evidence, turned(truth, wall, 8.0, center), CONFIG)
     assert worse.total > best.total + 20
-    assert np.argmax(worse.by_surface) == wall
+    assert np.argmax(worse.by_instance) == wall
     # Terms of two surfaces count for both, others for one: so the sum of all is no less than the total, nor its double.
-    assert worse.total < worse.by_surface.sum() < 2 * worse.total
+    assert worse.total < worse.by_instance.sum() < 2 * worse.total
     none = cost_of(evidence, np.where(np.arange(len(truth))[:, None] == wall, np.nan, truth), CONFIG)
-    assert np.isnan(none.by_surface[wall]) and np.isfinite(np.delete(none.by_surface, wall)).all()
+    assert np.isnan(none.by_instance[wall]) and np.isfinite(np.delete(none.by_instance, wall)).all()
 
 
 def test_a_wrong_odd_angle_is_not_free(room: Room) -> None:
     """A pair of walls without tracks and edges: .24 from a right angle, .26, and 45° cost more and more, never less."""
     evidence, truth, local = known(room, make_tracks(room, rng(), sigma_px=0.0))
-    nothing = replace(evidence, edges=(), track_surface=np.full_like(evidence.track_surface, -1))
+    nothing = replace(evidence, edges=(), track_instance=np.full_like(evidence.track_instance, -1))
     wall = walls(room)[0]
     center = local.scale * (room.seen_center(wall) - local.origin)
     sines = [0.0, 0.1, 0.24, 0.26, np.sin(np.pi / 4)]
@@ -101,9 +101,9 @@ def test_planes_that_coincide_do_not_meet_for_free() -> None:
     """
     room = make_room(orbit(), KEY_FRAMES)
     evidence, truth, _ = known(room, make_tracks(room, rng(), sigma_px=0.0))
-    group = next(g for g in evidence.edges if {room.instances[i].label for i in g.surfaces} == {"wall"})
-    a, b = group.surfaces
-    only = replace(evidence, edges=(group,), track_surface=np.full_like(evidence.track_surface, -1))
+    group = next(g for g in evidence.edges if {room.instances[i].label for i in g.instances} == {"wall"})
+    a, b = group.instances
+    only = replace(evidence, edges=(group,), track_instance=np.full_like(evidence.track_instance, -1))
     flat = truth.copy()
     flat[b] = truth[a]
     odd = (CONFIG.right_angle_reach / CONFIG.sigma_perpendicularity) ** 2
@@ -173,7 +173,9 @@ def test_landmarks_start_on_their_planes_whatever_they_were_triangulated_at(room
     evidence, truth, local = known(room, replace(tracks, points_px=at_infinity(room, tracks, far)))
     cameras = [local.camera(frame.camera) for frame in room.scene.frames]
     weightless = replace(evidence, sigma_rho=np.where(far, 5 * evidence.rays.rho.max(), evidence.sigma_rho))
-    found = solve_graph(cameras, replace(tracks, points_px=at_infinity(room, tracks, far)), weightless, truth, CONFIG)
+    found = optimise_graph(
+        cameras, replace(tracks, points_px=at_infinity(room, tracks, far)), weightless, truth, CONFIG
+    )
     assert found.costs[0] < 30 * found.costs[-1]
     assert np.abs(found.planes - truth).max() < 0.03
 

@@ -25,7 +25,7 @@ from gtlayout.scene import FloatArray, IntArray, Label, Scene
 from gtlayout.solution import Solution
 from gtlayout.tracking.config import TriangulationConfig
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays, triangulate
+from gtlayout.tracking.triangulation import TriangulatedTracks, triangulate
 from simulated.simulated_room import Room, make_room, orbit
 from simulated.simulation import chosen, make_tracks
 
@@ -212,7 +212,7 @@ def test_two_planes_are_told_apart_and_found() -> None:
     assert two_planes(clusters[:1], CONFIG.regrouping) is None
 
 
-def simulated(seed: int = 0) -> tuple[Room, Tracks, Rays]:
+def simulated(seed: int = 0) -> tuple[Room, Tracks, TriangulatedTracks]:
     room = make_room(orbit(), [2, 6, 10, 14, 18], seed=seed)
     tracks = make_tracks(room, np.random.default_rng(seed))
     return room, tracks, triangulate(room.scene, tracks, TriangulationConfig())
@@ -238,7 +238,7 @@ def partition(instances: Sequence[Instance]) -> set[frozenset[tuple[int, int]]]:
 
 
 def splits_of(
-    room: Room, tracks: Tracks, rays: Rays, groups: Sequence[set[tuple[int, int]]]
+    room: Room, tracks: Tracks, rays: TriangulatedTracks, groups: Sequence[set[tuple[int, int]]]
 ) -> set[frozenset[tuple[int, int]]]:
     instances, track_instance = form(room, tracks, groups)
     planes = [Plane(p[:3], float(p[3]), np.eye(4), observable=True) for p in room.planes]
@@ -280,7 +280,7 @@ def test_right_instances_are_not_split(seed: int) -> None:
     assert splits_of(room, tracks, wrong, groups) == set()
 
 
-def two_planes_found(room: Room, tracks: Tracks, rays: Rays) -> bool:
+def two_planes_found(room: Room, tracks: Tracks, rays: TriangulatedTracks) -> bool:
     """Whether the tracks alone would split an instance."""
     origin = np.mean([frame.camera.center_world for frame in room.scene.frames], axis=0)
     used = np.ones(len(tracks), dtype=bool)

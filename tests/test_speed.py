@@ -113,7 +113,7 @@ def test_python_is_not_called_for_every_landmark(monkeypatch: pytest.MonkeyPatch
     start = best_start(evidence, replace(config, starts=1), 0)
     monkeypatch.setattr(gtsam, "LevenbergMarquardtOptimizer", seen)
     cameras = [local.camera(frame.camera) for frame in prepared.scene.frames]
-    graph.solve(cameras, prepared.tracks, evidence, start, config)
+    graph.optimise_graph(cameras, prepared.tracks, evidence, start, config)
     assert graphs
     for factors, values in graphs:
         landmarks = sum(chr(gtsam.Symbol(key).chr()) == "l" for key in values.keys())  # noqa: SIM118 no dict

@@ -15,7 +15,7 @@ import pytest
 
 from common.consistency import coverage, nees
 from gtlayout.edges import ContactEdge
-from gtlayout.instances import HeldBy
+from gtlayout.instances import EvidenceKind
 from gtlayout.planes import uncertainty
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
 from gtlayout.planes.evidence import Evidence, gather
@@ -34,7 +34,7 @@ from simulated.simulation import make_tracks, measurements, true_instance
 RELATIVE_SIGMA = 0.003
 """σ of a track's depth as a share of depth."""
 PLAIN = EstimationConfig(
-    uncertainty=UncertaintyConfig(unseen=1.0, prior_measurements=0.0, rounds=20, student_freedom=1e6)
+    uncertainty=UncertaintyConfig(sigma_inflation=1.0, prior_measurements=0.0, rounds=20, student_freedom=1e6)
 )
 """Scales are what residuals say, nothing else."""
 
@@ -85,7 +85,7 @@ def drawn(
     rng = np.random.default_rng(seed)
     edges = jitter(truth.edges, rng, edge * config.sigma_edge_shift_px, edge * config.sigma_edge_tilt_px)
     evidence = truth.evidence(edges, config)
-    rays, owner, expected = evidence.rays, evidence.track_surface, config.uncertainty
+    rays, owner, expected = evidence.rays, evidence.track_instance, config.uncertainty
     rho = rays.rho.copy()
     observations = np.bincount(truth.tracks.track)
     for s, plane in enumerate(truth.planes):
@@ -99,7 +99,7 @@ def drawn(
             of_frame = surface * np.hypot(expected.relative_depth, expected.of_track * RELATIVE_SIGMA)
             rho[own[here]] *= 1 + over[here] @ (shared + of_frame * rng.normal(size=3))
         many = np.sqrt(np.maximum(observations[own] / config.independent_observations, 1.0))
-        relief = config.sigma_surface * np.median(rays.rho[own])
+        relief = config.sigma_relief * np.median(rays.rho[own])
         rho[own] += rays.rho[own] * np.hypot(RELATIVE_SIGMA * many, relief) * rng.normal(size=len(own))
     return replace(evidence, rays=replace(rays, rho=rho))
 
@@ -118,7 +118,7 @@ def sigmas(truth: Truth, evidence: Evidence, config: EstimationConfig | None = N
 def test_scales_of_errors_are_found(truth: Truth, scale: float) -> None:
     """Both at once, and neither is taken for the other."""
     found = [error_scales(truth.tracks, drawn(truth, seed, scale, 1 / scale), truth.planes, PLAIN) for seed in range(3)]
-    assert np.mean([one.surface for one in found]) == pytest.approx(scale, rel=0.3)
+    assert np.mean([one.shared_depth for one in found]) == pytest.approx(scale, rel=0.3)
     assert np.mean([one.edge for one in found]) == pytest.approx(1 / scale, rel=0.3)
 
 
@@ -128,7 +128,7 @@ def test_what_is_expected_pulls_scales_but_does_not_hold_them(truth: Truth) -> N
         for scale in (1 / 3, 1.0, 3.0)
     )
     for found, low, high in ((small, 1 / 3, 0.7), (usual, 0.7, 1.3), (large, 2.0, 3.0)):
-        assert low < found.surface < high
+        assert low < found.shared_depth < high
         assert low < found.edge < high
 
 
@@ -146,7 +146,7 @@ def test_ellipsoids_hold_what_they_should(truth: Truth) -> None:
             own = slice(3 * s, 3 * s + 3)
             at_optimum.append(nees(step[own], covariance[own, own]))
             error = gtsam.OrientedPlane3(truth.planes[s]).errorVector(gtsam.OrientedPlane3(planes[s]))
-            polished.append(nees(error, EstimationConfig().uncertainty.unseen ** 2 * covariance[own, own]))
+            polished.append(nees(error, EstimationConfig().uncertainty.sigma_inflation ** 2 * covariance[own, own]))
     share = coverage(np.array(at_optimum), 0.95)
     assert share.low < 0.95 < share.high
     assert 2.3 < np.mean(at_optimum) < 3.7, "3 is expected"
@@ -161,9 +161,9 @@ def test_more_errors_mean_less_certainty(truth: Truth) -> None:
 
 def test_fewer_points_and_points_that_hardly_survive_mean_less_certainty(truth: Truth) -> None:
     evidence = replace(drawn(truth, 0), edges=())
-    usual, owner = sigmas(truth, evidence), evidence.track_surface
+    usual, owner = sigmas(truth, evidence), evidence.track_instance
     dropped = (owner == 0) & (np.arange(len(owner)) % 50 > 0)
-    few = sigmas(truth, replace(evidence, track_surface=np.where(dropped, -1, owner)))
+    few = sigmas(truth, replace(evidence, track_instance=np.where(dropped, -1, owner)))
     assert few[0] > 1.2 * usual[0]
     glossy = sigmas(truth, replace(evidence, track_weight=np.where(owner == 0, 0.05, 1.0)))
     assert glossy[0] > 2 * usual[0]
@@ -172,7 +172,7 @@ def test_fewer_points_and_points_that_hardly_survive_mean_less_certainty(truth: 
 def test_gross_errors_hardly_matter_and_never_make_sure(truth: Truth) -> None:
     evidence = drawn(truth, 0)
     usual = sigmas(truth, evidence)
-    cluster = (evidence.track_surface == 0) & (truth.tracks.key_frame == 3)
+    cluster = (evidence.track_instance == 0) & (truth.tracks.key_frame == 3)
     rho = np.where(cluster, 0.7 * evidence.rays.rho, evidence.rays.rho)
     edges = list(evidence.edges)
     edges[5] = replace(edges[5], points_px=edges[5].points_px + 60.0)
@@ -225,13 +225,15 @@ def box() -> Truth:
         (False, (), "priors"),
     ],
 )
-def test_what_a_wall_rests_on(box: Truth, tracks: bool, neighbours: tuple[str, ...], expected: HeldBy) -> None:
+def test_what_a_wall_rests_on(box: Truth, tracks: bool, neighbours: tuple[str, ...], expected: EvidenceKind) -> None:
     labels = [instance.label for instance in box.room.instances]
     wall, *others = range(len(labels))
     evidence = drawn(box, 0)
-    edges = [g for g in evidence.edges if wall not in g.surfaces or labels[g.other(wall)] in neighbours]
-    surface = evidence.track_surface if tracks else np.where(evidence.track_surface == wall, -1, evidence.track_surface)
-    apart = replace(evidence, track_surface=surface, edges=tuple(edges))
+    edges = [g for g in evidence.edges if wall not in g.instances or labels[g.other(wall)] in neighbours]
+    surface = (
+        evidence.track_instance if tracks else np.where(evidence.track_instance == wall, -1, evidence.track_instance)
+    )
+    apart = replace(evidence, track_instance=surface, edges=tuple(edges))
     held = plane_uncertainty(box.tracks, apart, box.planes, EstimationConfig()).held_by
     assert labels[wall] == "wall"
     assert held[wall] == expected
@@ -253,8 +255,8 @@ def test_a_window_in_its_wall_rests_on_what_the_wall_rests_on(box: Truth) -> Non
         host=host,
         wall=evidence.wall & (host < 0),
         perpendicular=evidence.perpendicular & np.outer(host < 0, host < 0),
-        edges=tuple(group for group in evidence.edges if two not in group.surfaces),
-        track_surface=np.where(evidence.track_surface == two, -1, evidence.track_surface),
+        edges=tuple(group for group in evidence.edges if two not in group.instances),
+        track_instance=np.where(evidence.track_instance == two, -1, evidence.track_instance),
     )
     held = plane_uncertainty(box.tracks, inside, planes, EstimationConfig()).held_by
     assert held[one] == held[two] == "tracks"

@@ -75,11 +75,11 @@ class Problem:
     """(7, M) camera centre, 1, and ray of each observation; sorted by (surface, track)."""
     track_length: IntArray
     """(T,) observations of each track."""
-    track_surface: IntArray
+    track_instance: IntArray
     """(T,) ascending."""
     edge_views: FloatArray
     """(7, E) camera centre, 1, and ray of each edge point."""
-    edge_surfaces: IntArray
+    edge_instances: IntArray
     """(2, E) the planes that meet there."""
     perpendicular: FloatArray
     """(S, S) symmetric, 1 where two planes should be at right angles: walls and floors or ceilings."""
@@ -118,12 +118,12 @@ def problem(
         camera, seen = scene.frames[frame].camera, tracks.frame == frame
         views[:3, seen] = (axes @ (camera.center_world - origin))[:, None]
         views[4:, seen] = axes @ camera.rays_world(tracks.points_px[seen]).T
-    track_surface = prefer_visible(scene, tracks, np.where(track_instance >= 0, surface[track_instance], -1))
-    kept = np.argsort(track_surface, kind="stable")
-    kept = kept[track_surface[kept] >= 0]
-    observed = np.argsort(track_surface[tracks.track], kind="stable")
-    observed = observed[track_surface[tracks.track[observed]] >= 0]
-    edge_views, edge_surfaces = [np.empty((7, 0))], [np.empty((2, 0), dtype=np.int64)]
+    track_instance = prefer_visible(scene, tracks, np.where(track_instance >= 0, surface[track_instance], -1))
+    kept = np.argsort(track_instance, kind="stable")
+    kept = kept[track_instance[kept] >= 0]
+    observed = np.argsort(track_instance[tracks.track], kind="stable")
+    observed = observed[track_instance[tracks.track[observed]] >= 0]
+    edge_views, edge_instances = [np.empty((7, 0))], [np.empty((2, 0), dtype=np.int64)]
     for edge in edges:
         meeting = surface[list(edge.instances)]
         if meeting[0] != meeting[1]:
@@ -132,7 +132,7 @@ def problem(
             part[:3] = (axes @ (camera.center_world - origin))[:, None]
             part[4:] = axes @ camera.rays_world(edge.points_px).T
             edge_views.append(part)
-            edge_surfaces.append(np.tile(meeting[:, None], len(edge.points_px)))
+            edge_instances.append(np.tile(meeting[:, None], len(edge.points_px)))
     own = surface == np.arange(len(instances))
     wall = np.array([x.label == "wall" for x in instances], dtype=bool) & own
     level = np.array([x.label in ("floor", "ceiling") for x in instances], dtype=bool) & own
@@ -143,9 +143,9 @@ def problem(
         axes=axes,
         views=views[:, observed],
         track_length=np.bincount(tracks.track, minlength=len(tracks))[kept],
-        track_surface=track_surface[kept],
+        track_instance=track_instance[kept],
         edge_views=np.hstack(edge_views),
-        edge_surfaces=np.hstack(edge_surfaces),
+        edge_instances=np.hstack(edge_instances),
         perpendicular=(across | across.T).astype(np.float64),
     )
 
@@ -184,10 +184,10 @@ def run(problem: Problem, config: AdamConfig, seed: int, number: int, start: Flo
 
 def draw(problem: Problem, share: float, rng: np.random.Generator) -> IntArray:
     """(n,) a random ``share`` of each plane's tracks, at least one, ascending."""
-    shuffled = rng.permutation(len(problem.track_surface))
+    shuffled = rng.permutation(len(problem.track_instance))
     chosen = [np.empty(0, dtype=np.int64)]
-    for surface in np.unique(problem.track_surface):
-        own = shuffled[problem.track_surface[shuffled] == surface]
+    for surface in np.unique(problem.track_instance):
+        own = shuffled[problem.track_instance[shuffled] == surface]
         chosen.append(own[: int(np.ceil(share * len(own)))])
     return np.sort(np.concatenate(chosen))
 
@@ -204,9 +204,9 @@ class Objective:
         surfaces = len(problem.surface)
         used: BoolArray = np.zeros(len(problem.track_length), dtype=bool)
         used[chosen] = config.track_weight > 0
-        length, of_track = problem.track_length[used], problem.track_surface[used]
+        length, of_track = problem.track_length[used], problem.track_instance[used]
         points = problem.edge_views.shape[1] if config.edge_weight > 0 else 0
-        of_edge = problem.edge_surfaces[:, :points].ravel()
+        of_edge = problem.edge_instances[:, :points].ravel()
         self.determined = np.isin(np.arange(surfaces), np.append(of_track, of_edge))
         """(S,) whether anything but right angles places the plane."""
 

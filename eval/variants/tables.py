@@ -94,9 +94,9 @@ def run(
         results = run_tasks(tasks, out / folder, jobs)
         errors = errors_of(tasks, out / folder) | unreadable
         # A table that others read says nothing of where the scenes lay.
-        said = {file: errors.get(file, "").replace(str(scenes[scene]), scene) for scene, _, file in rows}
+        reason = {file: errors.get(file, "").replace(str(scenes[scene]), scene) for scene, _, file in rows}
         outcomes += [
-            Outcome(f"{folder}/{scene}", name, results.get(file, {}), said[file]) for scene, name, file in rows
+            Outcome(f"{folder}/{scene}", name, results.get(file, {}), reason[file]) for scene, name, file in rows
         ]
     return outcomes
 

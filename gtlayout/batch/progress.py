@@ -64,15 +64,15 @@ class RunProgress:
     def line(self) -> str:
         """Scenes done, how many of each verdict, failed, rate and time left."""
         done, elapsed_s = self._counts.total(), time.monotonic() - self._start_s
-        said = [
+        parts = [
             f"{done}/{self._total} done",
             *(f"{self._counts[word]} {word}" for word in get_args(Word)),
             f"{self._counts[None]} failed",
         ]
         if done > self._solved:
-            said.append(f"{done - self._solved} as before")
+            parts.append(f"{done - self._solved} as before")
         if self._solved:
             rate = self._solved / elapsed_s
             left = timedelta(seconds=round((self._total - done) / rate))
-            said += [f"{60 * rate:.3g} a minute", f"{left} left"]
-        return ", ".join(said)
+            parts += [f"{60 * rate:.3g} a minute", f"{left} left"]
+        return ", ".join(parts)

@@ -135,12 +135,12 @@ def _figures(solution: Solution) -> dict[str, Any]:
     scene, layout, quality = solution.scene, solution.layout, solution.quality
     drawing, worst = worst_drawing(scene, layout, quality), quality.elements[quality.worst_element]
     why = quality.headline.reasons
-    said = [*(why if quality.headline.word != "trust" else ()), *reasons(layout, quality)]
+    reasons_given = [*(why if quality.headline.word != "trust" else ()), *reasons(layout, quality)]
     try:
         depth = depth_error(scene, layout)
     except GtlayoutError as error:
         depth = None
-        said.append(f"not compared with depth: {error}")
+        reasons_given.append(f"not compared with depth: {error}")
     status: Status = "accepted" if quality.accepted else "not accepted"
     verdicts = [judged.verdict for judged in quality.instances]
     warned = [f"warning: {warning}" for warning in scene.warnings]
@@ -149,7 +149,7 @@ def _figures(solution: Solution) -> dict[str, Any]:
         "status": status,
         "headline": quality.headline.word,
         "headline_reason": "; ".join(why),
-        "reason": "; ".join(said),
+        "reason": "; ".join(reasons_given),
         "predicted": quality.predicted,
         "iou": finite(quality.iou),
         "openings_iou": quality.openings_iou,

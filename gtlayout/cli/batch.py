@@ -75,9 +75,9 @@ def batch(
     counts = Counter(record.status for record in records.values())
     console = stdout()
     failures = Counter(record.failure for record in records.values() if record.failure)
-    said = ", ".join([*(f"{words[word]} {word}" for word in get_args(Word)), f"{counts['failed']} failed"])
-    said += f" ({', '.join(f'{count} {why}' for why, count in failures.most_common())})" if failures else ""
-    said += f"; {counts['accepted']} accepted by their IoU"
-    console.print(f"{len(records)} scene{'s' if len(records) > 1 else ''}: {said}")
+    summary = ", ".join([*(f"{words[word]} {word}" for word in get_args(Word)), f"{counts['failed']} failed"])
+    summary += f" ({', '.join(f'{count} {why}' for why, count in failures.most_common())})" if failures else ""
+    summary += f"; {counts['accepted']} accepted by their IoU"
+    console.print(f"{len(records)} scene{'s' if len(records) > 1 else ''}: {summary}")
     console.print(f"Results: {out} (gtlayout report {out} makes a page of them)")
     return SOME_FAILED if counts["failed"] else 0

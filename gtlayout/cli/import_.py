@@ -71,7 +71,7 @@ def import_(
             known_distance=known_distance,
             observer=progress,
         )
-    for line in imported.told:
+    for line in imported.messages:
         console.print(line)
     print_warnings(console, imported.scene.warnings, verbose)
     console.print(f"Scene: {out}")

@@ -21,7 +21,7 @@ from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance
 from gtlayout.scene import OPENINGS, FloatArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _VOTE_DECIMALS = 9
 """Votes are counts and shares of counts: what adding them up in another order changes is cut off, so that as many votes
@@ -30,7 +30,7 @@ are as many on every processor.
 
 
 def correspond(
-    scene: Scene, tracks: Tracks, rays: Rays, config: CorrespondenceConfig
+    scene: Scene, tracks: Tracks, rays: TriangulatedTracks, config: CorrespondenceConfig
 ) -> tuple[tuple[Instance, ...], IntArray]:
     """Group all annotated elements into instances.
 
@@ -113,7 +113,7 @@ def _track_votes(seen_on: IntArray, tracks: Tracks, first_of: IntArray) -> Float
 
 
 def _carried_votes(
-    scene: Scene, tracks: Tracks, rays: Rays, first_of: IntArray, config: CorrespondenceConfig
+    scene: Scene, tracks: Tracks, rays: TriangulatedTracks, first_of: IntArray, config: CorrespondenceConfig
 ) -> FloatArray:
     """(E, E) how many of the points spread over element i land on element j with the depth of the tracks around them.
 

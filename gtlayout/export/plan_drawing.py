@@ -204,16 +204,16 @@ def _notes(plan: FloorPlan, scale: str, low: FloatArray, mm: float) -> tuple[lis
     lines = [Line("notes", np.stack([ticks[0], ticks[-1]]))]
     lines += [Line("notes", np.stack([tick, tick + np.array([0.0, TICK_MM * mm])])) for tick in ticks]
     words = f"{bar:g} {unit(plan.metric)}" if plan.metric else f"{bar:g} scene units"
-    said = [
+    notes = [
         f"height {' – '.join(one.names)}: {length_text(one.length, one.sigma, plan.metric)}" for one in _heights(plan)
     ]
-    said.append(f"Shaded: ± {BAND_SIGMAS:g} σ of each wall's place, at most half its length.")
-    said.append("Dimensions: ± 1 σ. Lengths without ± are as drawn. Which way a door opens is not known.")
+    notes.append(f"Shaded: ± {BAND_SIGMAS:g} σ of each wall's place, at most half its length.")
+    notes.append("Dimensions: ± 1 σ. Lengths without ± are as drawn. Which way a door opens is not known.")
     if plan.level != "floor":
-        said.append(f"No floor: level by {plan.level}, at the lowest point that was drawn.")
-    said.append(f"Unit: metre, scale {scale}" if scale else f"Unit: {unit(plan.metric)}")
+        notes.append(f"No floor: level by {plan.level}, at the lowest point that was drawn.")
+    notes.append(f"Unit: metre, scale {scale}" if scale else f"Unit: {unit(plan.metric)}")
     texts = [Text("notes", words, ticks[-1] + np.array([2.0 * mm, 0.0]), TEXT_MM * mm, centred=False)]
-    for row, line in enumerate(said, start=1):
+    for row, line in enumerate(notes, start=1):
         texts.append(
             Text("notes", line, start - np.array([0.0, row * LINE_MM * mm]), SMALL_TEXT_MM * mm, centred=False)
         )

@@ -38,8 +38,8 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
     write_atomic(path, svg_text(draw(floor_plan(scene, layout)), unit(layout.metric)))
 
 
-def svg_text(drawing: Drawing, unit_said: str) -> str:
-    """The drawing as a page of its own size; ``unit_said`` is what its metadata say of the lengths' unit."""
+def svg_text(drawing: Drawing, unit_text: str) -> str:
+    """The drawing as a page of its own size; ``unit_text`` is what its metadata say of the lengths' unit."""
     low, high = drawing.bounds
     width, height = (high - low) * drawing.mm_per_unit + 2 * MARGIN_MM
 
@@ -50,7 +50,7 @@ def svg_text(drawing: Drawing, unit_said: str) -> str:
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.2f}mm" height="{height:.2f}mm" '
         f'viewBox="0 0 {width:.2f} {height:.2f}" role="img" class="floor-plan">',
-        f"<title>Floor plan</title><desc>Unit of lengths: {escape(unit_said)}</desc>",
+        f"<title>Floor plan</title><desc>Unit of lengths: {escape(unit_text)}</desc>",
         f"<style>{STYLE}</style>",
         f'<rect width="{width:.2f}" height="{height:.2f}" fill="#fff"/>',
     ]

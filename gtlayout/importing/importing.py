@@ -31,7 +31,7 @@ class Imported:
     """A scene as it was read, before it was written."""
 
     scene: Scene
-    told: tuple[str, ...]
+    messages: tuple[str, ...]
     """What was found out on the way, a line each."""
 
 
@@ -62,16 +62,16 @@ def import_scene(
     with new_folder(out) as filled, tempfile.TemporaryDirectory(dir=filled.parent) as work:
         model = None
         if rate_hz is not None:
-            scene, model, told = _with_colmap(source, annotations, rate_hz, Path(work), observer)
+            scene, model, messages = _with_colmap(source, annotations, rate_hz, Path(work), observer)
         else:
-            scene, told = load_scene(source, annotations, annotated=False), ()
+            scene, messages = load_scene(source, annotations, annotated=False), ()
         scale = None
         if depth_scale is not None:
             scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
         elif known_distance is not None:
             scale = scale_from_distance(scene, known_distance)
         if scale is not None:
-            scene, told = _metric(scene, scale), (*told, _says(scale))
+            scene, messages = _metric(scene, scale), (*messages, _says(scale))
         if rate_hz is not None or scale is not None:
             # True planes in the folder are in the unit and the world of other cameras.
             scene = replace(scene, root=Path(work))
@@ -79,8 +79,11 @@ def import_scene(
         scene = _without_unreadable(scene)
         write_scene(scene, filled, "native", "native")
     if not scene.key_frames:
-        told = (*told, f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}")
-    return Imported(scene, told)
+        messages = (
+            *messages,
+            f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}",
+        )
+    return Imported(scene, messages)
 
 
 def _with_colmap(

@@ -63,11 +63,11 @@ def weaknesses(
     focal_sigma_share: float,
 ) -> list[str]:
     """What is doubtful about a model of the images ``registered``; ``others`` are further models not joined to it."""
-    names, said = matching.names, []
+    names, messages = matching.names, []
     lost = [i for i, name in enumerate(names) if name not in registered]
     if lost:
         few = 2 * len(lost) > len(names)
-        said.append(
+        messages.append(
             f"{len(lost)} of {len(names)} frames have no camera: {spans(names, lost)}"
             + ("; most of the video is lost: move slower, take more frames a second, or film more texture" * few)
         )
@@ -75,21 +75,21 @@ def weaknesses(
     apart = [added for added in apart if added >= OTHER_MODEL]
     if apart:
         sizes = " and ".join(map(str, apart))
-        said.append(
+        messages.append(
             f"the video falls into parts that share too little to be joined: {len(registered)} frames were kept, "
             f"{sizes} left out; film without cuts and with views that overlap"
         )
     if parallax_deg < MIN_PARALLAX_DEG:
-        said.append(
+        messages.append(
             f"points are seen from directions only {parallax_deg:.1f}° apart (median): depths are doubtful; "
             "move the camera sideways, further"
         )
     if not focal_sigma_share <= MAX_FOCAL_SIGMA:
-        said.append(
+        messages.append(
             f"the focal length is good to {focal_sigma_share:.0%} only: the room may come out stretched; "
             "film longer, from more different places"
         )
-    return said
+    return messages
 
 
 def spans(names: Sequence[str], indices: Sequence[int]) -> str:

@@ -75,13 +75,13 @@ def _marked(kind: Any, mark: Any) -> Schema:
 
 
 def _object(kind: Any) -> Schema:
-    said = _field_docstrings(kind)
+    descriptions = _field_docstrings(kind)
     # A dataclass says by its default that a number may be unknown.
     unknown = {each.name for each in fields(kind) if _is_nan(each.default)} if is_dataclass(kind) else set()
     properties = {}
     for name, hint in get_type_hints(kind, include_extras=True).items():
         schema = _marked(hint, OrNull()) if name in unknown else schema_of(hint)
-        properties[name] = ({"description": said[name]} if name in said else {}) | schema
+        properties[name] = ({"description": descriptions[name]} if name in descriptions else {}) | schema
     return {
         "description": inspect.cleandoc(kind.__doc__).replace("\n", " "),
         "type": "object",

@@ -69,7 +69,7 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")
     reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
-    metric = _metric_said(root / SCENE_FILE)
+    metric = _declared_metric(root / SCENE_FILE)
     scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=annotated)
     return scene if metric is None else replace(scene, metric=metric)
 
@@ -114,7 +114,7 @@ def _the_one(
     return found[0]
 
 
-def _metric_said(path: Path) -> bool | None:
+def _declared_metric(path: Path) -> bool | None:
     if not path.exists():
         return None
     data = read_json(path)

@@ -58,7 +58,7 @@ class UncertaintyConfig:
     """How many residuals of the expected size are taken as seen already, per family of errors."""
     rounds: int = 15
     """Iterations of expectation maximisation."""
-    unseen: float = 2.0
+    sigma_inflation: float = 2.0
     """σ is so many times what the residuals show: part of the errors show in none. Measured on synthetic rooms."""
 
 
@@ -79,7 +79,7 @@ class EstimationConfig:
     """Camera and tracking errors that all points of an element share, as a share of depth."""
     observation_cauchy: float = 1.0
     """Robust scale of an observation, in σ."""
-    sigma_surface: float = 0.01
+    sigma_relief: float = 0.01
     """Relief of a surface round its plane."""
     max_observations: int = 6
     """Observations of a track that enter the graph, spread evenly over it."""

@@ -1,8 +1,8 @@
 """Stage 4, before the graph: contacts that are none.
 
-Where an annotator left out an occlusion edge, two surfaces that only hide each other look as if they met, in every key
+Where an annotator left out an occlusion edge, two instances that only hide each other look as if they met, in every key
 frame that shows both: too many and too consistent for a robust kernel. But such a contact fits no planes that the rest
-agrees on. So the pair of surfaces that fits worst is taken out, until all that is left fits.
+agrees on. So the pair of instances that fits worst is taken out, until all that is left fits.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _all_there_is(evidence: Evidence, pair: Pair) -> bool:
     """
     return any(
         np.count_nonzero(evidence.touching[s]) == 1
-        and not (evidence.track_weight[evidence.track_surface == s] > 0).any()
+        and not (evidence.track_weight[evidence.track_instance == s] > 0).any()
         and evidence.host[s] < 0
         and s not in evidence.host
         for s in pair
@@ -73,7 +73,7 @@ def _without(evidence: Evidence, dropped: frozenset[Pair]) -> Evidence:
 
 
 def _pair(group: EdgeGroup) -> Pair:
-    a, b = group.surfaces
+    a, b = group.instances
     return (a, b) if a < b else (b, a)
 
 
@@ -83,7 +83,7 @@ def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
     """
     found: dict[Pair, list[float]] = {}
     for group in evidence.edges:
-        a, b = group.surfaces
+        a, b = group.instances
         if np.isfinite(planes[[a, b], 0]).all():
             distance_px = np.abs(group.distances_px(planes[[a]], planes[b])) / group.camera.annotation_scale
             distance_px = np.minimum(distance_px, FARTHEST_PX)

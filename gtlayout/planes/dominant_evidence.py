@@ -5,12 +5,12 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from gtlayout.instances import HeldBy
-from gtlayout.planes.linear_system import EDGE, JOINT, SURFACE, TRACK, LinearSystem
+from gtlayout.instances import EvidenceKind
+from gtlayout.planes.linear_system import EDGE, JOINT, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.views import Views
 from gtlayout.scene import FloatArray
 
-_KINDS: dict[HeldBy, int] = {"right angles": JOINT, "contact edges": EDGE, "tracks": TRACK}
+_KINDS: dict[EvidenceKind, int] = {"right angles": JOINT, "contact edges": EDGE, "tracks": TRACK}
 """What may hold a plane, weakest first."""
 _KNOWN = 0.5
 """A plane whose σ is more than this share of what priors alone leave is unknown."""
@@ -25,7 +25,7 @@ def offset_gradient(plane: FloatArray, views: Views) -> FloatArray:
     return np.append(middle @ gtsam.OrientedPlane3(plane).normal().basis(), 1.0)
 
 
-def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: FloatArray) -> list[HeldBy]:
+def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: FloatArray) -> list[EvidenceKind]:
     """Of each of P planes the weakest kind of evidence without which it is unknown, else what it would miss most.
 
     Args:
@@ -35,7 +35,7 @@ def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: F
     width = by_offset.size
     family = np.repeat(linear.family, np.diff(np.append(linear.first, len(linear.target))))
     rows = np.sqrt(row_weight)[:, None] * linear.jacobian
-    tracked = np.isin(family, [TRACK, SURFACE])
+    tracked = np.isin(family, [TRACK, SHARED_DEPTH])
     information = rows[tracked].T @ rows[tracked]
     by_bias = information[:width, width:]
     # Without its biases, what tracks say is of one plane each: blocks on the diagonal.
@@ -53,7 +53,7 @@ def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: F
         offset = by_offset[i] @ covariance @ by_offset[i]
         return np.sqrt(np.array([np.linalg.eigvalsh(covariance[:2, :2])[-1], offset]))
 
-    held: list[HeldBy] = []
+    held: list[EvidenceKind] = []
     for i in range(len(by_offset)):
         unknown = _KNOWN * sigmas(i, *_KINDS.values())
         best = sigmas(i)

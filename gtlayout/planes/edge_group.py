@@ -14,15 +14,15 @@ _MIN_DIHEDRAL = 0.2
 
 @dataclass(frozen=True)
 class EdgeGroup:
-    """The contact edge of two surfaces in one key frame."""
+    """The contact edge of two instances in one key frame."""
 
     camera: Camera
-    surfaces: tuple[int, int]
+    instances: tuple[int, int]
     points_px: FloatArray
 
-    def other(self, surface: int) -> int:
-        """The surface on its other side."""
-        return self.surfaces[1] if self.surfaces[0] == surface else self.surfaces[0]
+    def other(self, instance: int) -> int:
+        """The instance on its other side."""
+        return self.instances[1] if self.instances[0] == instance else self.instances[0]
 
     def representatives_px(self) -> FloatArray:
         """(2, 2) the two points that stand for the edge: mean ± one standard deviation along it."""

@@ -17,7 +17,7 @@ from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimate import Estimate, Iteration
 from gtlayout.planes.evidence import Evidence, gather
-from gtlayout.planes.graph import Solution, solve, track_weights
+from gtlayout.planes.graph import Optimum, optimise_graph, track_weights
 from gtlayout.planes.initialization import face_cameras
 from gtlayout.planes.objective import cost_of
 from gtlayout.planes.support import supports
@@ -81,7 +81,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
 
 def optimise(
     cameras: Sequence[Camera], tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
-) -> tuple[Solution, Uncertainty]:
+) -> tuple[Optimum, Uncertainty]:
     """The planes from (S, 4) ``start`` on, and how far they may be off. Local world.
 
     How much tracks weigh against edges follows from the scales of both, which the residuals at the start show.
@@ -89,23 +89,23 @@ def optimise(
     scales = error_scales(tracks, evidence, start, config)
     weighed = replace(
         config,
-        max_track_weight=config.max_track_weight / scales.surface**2,
+        max_track_weight=config.max_track_weight / scales.shared_depth**2,
         sigma_edge_shift_px=config.sigma_edge_shift_px * scales.edge,
         sigma_edge_tilt_px=config.sigma_edge_tilt_px * scales.edge,
     )
-    solution = solve(cameras, tracks, evidence, start, weighed)
+    solution = optimise_graph(cameras, tracks, evidence, start, weighed)
     solution = replace(solution, planes=_facing(evidence, solution.planes))
     return solution, plane_uncertainty(tracks, evidence, solution.planes, config)
 
 
 def led_astray(evidence: Evidence, start: FloatArray, planes: FloatArray, config: EstimationConfig) -> tuple[int, ...]:
-    """The surfaces that a solve led away, from (S, 4) ``start`` to ``planes``, from what is known of them.
+    """The instances that a solve led away, from (S, 4) ``start`` to ``planes``, from what is known of them.
 
     Start and solve have objectives of their own. On a common one a solve ends a little worse than the start, which is
     its optimum; much worse, as a whole or for a plane that moved far, is a solve that failed. Empty when it did not.
     """
     before, after = (cost_of(evidence, at, config) for at in (start, planes))
-    growth = after.by_surface - before.by_surface
+    growth = after.by_instance - before.by_instance
     moved = np.array([_moved(evidence.views[s], start[s], planes[s]) for s in range(len(planes))])
     thrown = (growth > config.max_plane_growth) & (moved > config.max_moved_share)
     if not thrown.any() and after.total > (1 + config.max_cost_growth) * before.total + config.max_plane_growth:
@@ -122,16 +122,16 @@ def _moved(views: Views, before: FloatArray, after: FloatArray) -> float:
 
 def keep_start(
     tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
-) -> tuple[Solution, Uncertainty]:
+) -> tuple[Optimum, Uncertainty]:
     """What ``optimise`` would give had it stayed at (S, 4) ``start``: landmarks where their rays meet their planes."""
     planes = _facing(evidence, start)
     robust, _ = track_weights(evidence, planes, config)
     index = np.nonzero(robust > 0)[0]
-    points, depth = evidence.on_planes(index, planes[evidence.track_surface[index]])
+    points, depth = evidence.on_planes(index, planes[evidence.track_instance[index]])
     landmarks = np.full((len(tracks), 3), np.nan)
     landmarks[index[depth > 0]] = points[depth > 0]
     cost = cost_of(evidence, planes, config).total
-    return Solution(planes, landmarks, robust, (cost,), (planes,)), plane_uncertainty(tracks, evidence, planes, config)
+    return Optimum(planes, landmarks, robust, (cost,), (planes,)), plane_uncertainty(tracks, evidence, planes, config)
 
 
 def _facing(evidence: Evidence, planes: FloatArray) -> FloatArray:
@@ -141,7 +141,7 @@ def _facing(evidence: Evidence, planes: FloatArray) -> FloatArray:
 
 
 def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: Views) -> float:
-    """σ of the depth as a share of the depth, where the surface is drawn: the median over its sampled pixels."""
+    """σ of the depth as a share of the depth, where the instance is drawn: the median over its sampled pixels."""
     depth = views.depths(plane[None])[0]
     seen = depth > 0
     if not seen.any():

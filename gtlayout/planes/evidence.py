@@ -18,10 +18,10 @@ from gtlayout.prepared.measurements import Measurements
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _VIEW_POINTS = 12
-"""Pixels sampled on each drawing of a surface."""
+"""Pixels sampled on each element of an instance."""
 _ROUNDING_PX = 1e-6
 FARTHEST_PX = 100.0
 """Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
@@ -29,35 +29,35 @@ FARTHEST_PX = 100.0
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that is known of S surfaces before their planes are. Local world."""
+    """All that is known of S instances before their planes are. Local world."""
 
-    rays: Rays
+    rays: TriangulatedTracks
     """Every track as a point at inverse depth on a ray."""
     sigma_rho: FloatArray
     """(N,) σ of the inverse depths with the errors that all points share."""
-    track_surface: IntArray
-    """(N,) surface of each track; -1 = does not take part."""
+    track_instance: IntArray
+    """(N,) instance of each track; -1 = does not take part."""
     track_key_frame: IntArray
     """(N,) key frame each track was sampled in."""
     track_weight: FloatArray
     """(N,) how far each track is trusted before its residual is known, in [0, 1]."""
     edges: tuple[EdgeGroup, ...]
     perpendicular: BoolArray
-    """(S, S) whether two surfaces should be at right angles: walls and floors or ceilings."""
+    """(S, S) whether two instances should be at right angles: walls and floors or ceilings."""
     level: BoolArray
     """(S,) floors and ceilings."""
     wall: BoolArray
     """(S,) walls."""
     views: tuple[Views, ...]
     host: IntArray
-    """(S,) for doors and windows the surface they lie in; -1 for all others."""
+    """(S,) for doors and windows the instance they lie in; -1 for all others."""
 
     @cached_property
     def touching(self) -> BoolArray:
-        """(S, S) whether two surfaces have a contact edge in any key frame."""
+        """(S, S) whether two instances have a contact edge in any key frame."""
         pairs = np.zeros_like(self.perpendicular)
         for group in self.edges:
-            a, b = group.surfaces
+            a, b = group.instances
             pairs[a, b] = pairs[b, a] = True
         return pairs
 
@@ -69,11 +69,11 @@ class Evidence:
         depth = -clearance / np.where(facing == 0, 1e-12, facing)
         return center + depth[:, None] * ray, depth
 
-    def tracks_of(self, surface: int, max_weight: float) -> tuple[IntArray, float]:
-        """(n,) the tracks of a surface, and the mean of their weights, 0 without tracks: together no more than
+    def tracks_of(self, instance: int, max_weight: float) -> tuple[IntArray, float]:
+        """(n,) the tracks of an instance, and the mean of their weights, 0 without tracks: together no more than
         ``max_weight`` for each key frame.
         """
-        index = np.nonzero(self.track_surface == surface)[0]
+        index = np.nonzero(self.track_instance == instance)[0]
         if len(index) == 0:
             return index, 0.0
         total = float(self.track_weight[index].sum())
@@ -89,10 +89,10 @@ class Evidence:
 
 
 def gather(measured: Measurements, local: Normalisation, config: EstimationConfig) -> Evidence:
-    """Collect the evidence on every surface."""
+    """Collect the evidence on every instance."""
     scene, tracks, instances, rays = measured.scene, measured.tracks, measured.instances, local.rays(measured.rays)
     key_cameras = [local.camera(scene.frame_of(k).camera) for k in range(len(scene.key_frames))]
-    track_surface = _thin_out(prefer_visible(scene, tracks, measured.track_instance), config.max_tracks)
+    track_instance = _thin_out(prefer_visible(scene, tracks, measured.track_instance), config.max_tracks)
     host = np.array([-1 if instance.host is None else instance.host for instance in instances])
     labels = [instance.label for instance in instances]
     level = np.array([label in ("floor", "ceiling") for label in labels])
@@ -101,9 +101,9 @@ def gather(measured: Measurements, local: Normalisation, config: EstimationConfi
     return Evidence(
         rays=rays,
         sigma_rho=np.hypot(rays.sigma_rho, config.relative_depth_sigma * rays.rho),
-        track_surface=track_surface,
+        track_instance=track_instance,
         track_key_frame=tracks.key_frame,
-        track_weight=_trust(scene, tracks, track_surface, instances, config),
+        track_weight=_trust(scene, tracks, track_instance, instances, config),
         edges=_edge_groups(measured.edges, host, key_cameras, config.min_edge_px),
         perpendicular=across | across.T,
         level=level,
@@ -113,9 +113,9 @@ def gather(measured: Measurements, local: Normalisation, config: EstimationConfi
     )
 
 
-def prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> IntArray:
-    """(N,) surfaces of tracks, -1 for those sampled on an amodal polygon (furniture, as likely as not) where their
-    surface has others.
+def prefer_visible(scene: Scene, tracks: Tracks, track_instance: IntArray) -> IntArray:
+    """(N,) instances of tracks, -1 for those sampled on an amodal polygon (furniture, as likely as not) where their
+    instance has others.
     """
     drawn = np.array(
         [
@@ -124,25 +124,25 @@ def prefer_visible(scene: Scene, tracks: Tracks, track_surface: IntArray) -> Int
         ],
         dtype=bool,
     )
-    with_visible = np.unique(track_surface[drawn])
-    return np.where(drawn | ~np.isin(track_surface, with_visible), track_surface, -1)
+    with_visible = np.unique(track_instance[drawn])
+    return np.where(drawn | ~np.isin(track_instance, with_visible), track_instance, -1)
 
 
-def _thin_out(track_surface: IntArray, most: int) -> IntArray:
-    """At most so many tracks of each surface, evenly over key frames and places; the others do not take part."""
-    thinned = track_surface.copy()
-    for surface in np.unique(track_surface[track_surface >= 0]):
-        index = np.nonzero(track_surface == surface)[0]
+def _thin_out(track_instance: IntArray, most: int) -> IntArray:
+    """At most so many tracks of each instance, evenly over key frames and places; the others do not take part."""
+    thinned = track_instance.copy()
+    for instance in np.unique(track_instance[track_instance >= 0]):
+        index = np.nonzero(track_instance == instance)[0]
         if len(index) > most:
             thinned[index] = -1
-            thinned[index[np.linspace(0, len(index) - 1, most).round().astype(int)]] = surface
+            thinned[index[np.linspace(0, len(index) - 1, most).round().astype(int)]] = instance
     return thinned
 
 
 def _trust(
     scene: Scene,
     tracks: Tracks,
-    track_surface: IntArray,
+    track_instance: IntArray,
     instances: Sequence[Instance],
     config: EstimationConfig,
 ) -> FloatArray:
@@ -157,7 +157,7 @@ def _trust(
     observations = np.bincount(tracks.track, minlength=len(tracks))
     # The graph takes so many observations of a track; they share the errors of tracking and of the cameras.
     length = np.minimum(1.0, config.independent_observations / np.minimum(observations, config.max_observations))
-    weight: FloatArray = length * np.where(track_surface >= 0, (acceptance * plenty)[track_surface], 0.0)
+    weight: FloatArray = length * np.where(track_instance >= 0, (acceptance * plenty)[track_instance], 0.0)
     return weight
 
 

@@ -25,8 +25,8 @@ _NEGLIGIBLE = 1e-3
 
 
 @dataclass(frozen=True)
-class Solution:
-    """The optimum. S surfaces, N tracks; NaN for what was not in the graph."""
+class Optimum:
+    """The optimum. S instances, N tracks; NaN for what was not in the graph."""
 
     planes: FloatArray
     """(S, 4)."""
@@ -40,15 +40,15 @@ class Solution:
     """(S, 4) planes at the same times."""
 
 
-def solve(
+def optimise_graph(
     cameras: Sequence[Camera], tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
-) -> Solution:
+) -> Optimum:
     """Optimise from ``start`` (S, 4).
 
     Whole tracks are re-weighted between runs of Levenberg-Marquardt (Cauchy on a track's deviation from its plane):
     one robust kernel on a factor cannot do that, because a track is many factors.
     """
-    surfaces = np.nonzero(np.isfinite(start[:, 0]))[0]
+    placed = np.nonzero(np.isfinite(start[:, 0]))[0]
     observed = spread_observations(tracks, config.max_observations)
     planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
     costs: list[float] = []
@@ -59,28 +59,28 @@ def solve(
         )
         robust, weight = track_weights(evidence, planes, kernels)
         used = weight > _NEGLIGIBLE
-        values = _values(evidence, planes, landmarks, surfaces, np.nonzero(used)[0], config)
+        values = _values(evidence, planes, landmarks, placed, np.nonzero(used)[0], config)
         seen = observed & used[tracks.track]
-        graph = _track_factors(cameras, tracks, evidence, values, surfaces, seen, weight, config)
+        graph = _track_factors(cameras, tracks, evidence, values, placed, seen, weight, config)
         graph.push_back(structure_factors(evidence, start, kernels))
         for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
             graph.push_back(prior)
-        values = _optimise(graph, values, surfaces, start, config, costs, history)
+        values = _optimise(graph, values, placed, start, config, costs, history)
         before, planes = planes, history[-1].copy()
         landmarks[:] = np.nan
         for n in np.nonzero(used)[0]:
             landmarks[n] = values.atPoint3(L(int(n)))
-        if looseness == 1.0 and np.abs(planes - before)[surfaces].max() < config.settled:
+        if looseness == 1.0 and np.abs(planes - before)[placed].max() < config.settled:
             break
-    return Solution(planes, landmarks, robust, tuple(costs), tuple(history))
+    return Optimum(planes, landmarks, robust, tuple(costs), tuple(history))
 
 
 def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
     """(N,) robust weight of each track at ``planes``, and its whole weight in the graph."""
-    robust = np.zeros(len(evidence.track_surface))
+    robust = np.zeros(len(evidence.track_instance))
     weight = np.zeros(len(robust))
     for s in np.nonzero(np.isfinite(planes[:, 0]))[0]:
-        index = np.nonzero(evidence.track_surface == s)[0]
+        index = np.nonzero(evidence.track_instance == s)[0]
         residual = evidence.track_residuals(index, planes[s][None])[0]
         robust[index] = 1.0 / (1.0 + (residual / (config.track_cauchy * _spread(residual, config))) ** 2)
         weight[index] = robust[index] * evidence.track_weight[index]
@@ -107,7 +107,7 @@ def _track_factors(
     tracks: Tracks,
     evidence: Evidence,
     values: gtsam.Values,
-    surfaces: IntArray,
+    placed: IntArray,
     observed: BoolArray,
     weight: FloatArray,
     config: EstimationConfig,
@@ -123,15 +123,15 @@ def _track_factors(
     ):
         graph.add(gtsam.TriangulationFactorCal3_S2(pinholes[f], point_px, models[n], L(n), False, False))
     # A track that its own observations contradict can leave for infinity: these keep the system regular.
-    leash = noise.Isotropic.Sigma(3, config.sigma_prior_point)
+    weak_prior = noise.Isotropic.Sigma(3, config.sigma_prior_point)
     for n in np.unique(tracks.track[observed]).tolist():
-        graph.add(gtsam.PriorFactorPoint3(L(n), values.atPoint3(L(n)), leash))
-    for s in surfaces:
-        members = np.nonzero((evidence.track_surface == s) & (weight > _NEGLIGIBLE))[0]
+        graph.add(gtsam.PriorFactorPoint3(L(n), values.atPoint3(L(n)), weak_prior))
+    for s in placed:
+        members = np.nonzero((evidence.track_instance == s) & (weight > _NEGLIGIBLE))[0]
         for batch in np.split(members, range(_BATCH, len(members), _BATCH)):
             if len(batch):
                 keys = [L(int(n)) for n in batch]
-                graph.add(track_factor(P(int(s)), keys, config.sigma_surface / np.sqrt(weight[batch])))
+                graph.add(track_factor(P(int(s)), keys, config.sigma_relief / np.sqrt(weight[batch])))
     return graph
 
 
@@ -145,7 +145,7 @@ def _values(
     evidence: Evidence,
     planes: FloatArray,
     landmarks: FloatArray,
-    surfaces: IntArray,
+    placed: IntArray,
     used: IntArray,
     config: EstimationConfig,
 ) -> gtsam.Values:
@@ -155,10 +155,10 @@ def _values(
     a single landmark was seen to turn its plane by 84°, with or without a robust kernel on the distance between them.
     """
     values = gtsam.Values()
-    for s in surfaces:
+    for s in placed:
         values.insert(P(int(s)), gtsam.OrientedPlane3(planes[s]))
     rays = evidence.rays
-    on_plane, depth = evidence.on_planes(used, planes[evidence.track_surface[used]])
+    on_plane, depth = evidence.on_planes(used, planes[evidence.track_instance[used]])
     meets = (depth > config.depth_range[0]) & (depth < config.depth_range[1])
     off_plane = rays.center[used] + np.clip(1 / rays.rho[used], *config.depth_range)[:, None] * rays.ray[used]
     on_plane = np.where(meets[:, None], on_plane, off_plane)
@@ -170,7 +170,7 @@ def _values(
 def _optimise(
     graph: gtsam.NonlinearFactorGraph,
     values: gtsam.Values,
-    surfaces: IntArray,
+    placed: IntArray,
     start: FloatArray,
     config: EstimationConfig,
     costs: list[float],
@@ -186,7 +186,7 @@ def _optimise(
         optimizer.iterate()
         costs.append(optimizer.error())
         planes = np.full_like(start, np.nan)
-        for s in surfaces:
+        for s in placed:
             planes[s] = optimizer.values().atOrientedPlane3(P(int(s))).planeCoefficients()
         history.append(planes)
         if error - costs[-1] < config.relative_decrease * error:

@@ -1,4 +1,4 @@
-"""Stage 4, first half: starting planes for all surfaces together.
+"""Stage 4, first half: starting planes for all instances together.
 
 Fits of single elements fail where one has few tracks or mirrors its surroundings, and Levenberg-Marquardt does not
 get out of a wrong basin. So elements vouch for each other: they are placed one by one, best supported first, each at
@@ -21,7 +21,7 @@ from gtlayout.scene import BoolArray, FloatArray, IntArray
 def initial_planes(
     evidence: Evidence, depth_range: tuple[float, float], config: InitializationConfig, seed: int
 ) -> FloatArray:
-    """(S, 4) planes in the local world, normals towards the cameras; NaN for a surface that nothing places."""
+    """(S, 4) planes in the local world, normals towards the cameras; NaN for an instance that nothing places."""
     return _Search(evidence, depth_range, config, np.random.default_rng(seed)).run()
 
 
@@ -36,33 +36,33 @@ class _Search:
         evidence = self.evidence
         count = len(evidence.views)
         planes = np.full((count, 4), np.nan)
-        tracks = [self._take_part(surface) for surface in range(count)]
+        tracks = [self._take_part(instance) for instance in range(count)]
         support = np.array([self._support(index) for index in tracks])
-        waiting = [surface for surface in range(count) if evidence.host[surface] < 0]
+        waiting = [instance for instance in range(count) if evidence.host[instance] < 0]
         while waiting:
             placed = np.isfinite(planes[:, 0])
-            joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.surfaces) for s in range(count)]
+            joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.instances) for s in range(count)]
             # A contact edge with something already placed is worth a few tracks.
-            surface = max(waiting, key=lambda s: support[s] + 3 * joined[s])
-            waiting.remove(surface)
-            planes[surface] = self._choose(surface, tracks[surface], planes)
+            instance = max(waiting, key=lambda s: support[s] + 3 * joined[s])
+            waiting.remove(instance)
+            planes[instance] = self._choose(instance, tracks[instance], planes)
         for _ in range(self.config.sweeps):
             before = planes.copy()
-            for surface in np.argsort(-support, kind="stable"):
-                if evidence.host[surface] < 0:
-                    planes[surface] = self._choose(int(surface), tracks[surface], planes)
+            for instance in np.argsort(-support, kind="stable"):
+                if evidence.host[instance] < 0:
+                    planes[instance] = self._choose(int(instance), tracks[instance], planes)
             if np.array_equal(before, planes, equal_nan=True):
                 break
-        for surface, host in enumerate(evidence.host):
+        for instance, host in enumerate(evidence.host):
             if host >= 0:
                 if np.isnan(planes[host, 0]):
                     # A wall of which only the door is known stands where the door does.
-                    planes[host] = self._choose(surface, tracks[surface], planes)
-                planes[surface] = planes[host]
+                    planes[host] = self._choose(instance, tracks[instance], planes)
+                planes[instance] = planes[host]
         return planes
 
-    def _take_part(self, surface: int) -> IntArray:
-        index = np.nonzero(self.evidence.track_surface == surface)[0]
+    def _take_part(self, instance: int) -> IntArray:
+        index = np.nonzero(self.evidence.track_instance == instance)[0]
         return index[:: max(1, -(-len(index) // self.config.max_tracks))]
 
     def _support(self, index: IntArray) -> float:
@@ -70,21 +70,21 @@ class _Search:
         relative = self.evidence.sigma_rho[index] / self.evidence.rays.rho[index]
         return float(np.sum(np.clip(1.0 - 4 * relative, 0.0, 1.0)))
 
-    def _choose(self, surface: int, index: IntArray, planes: FloatArray) -> FloatArray:
-        """(4,) the cheapest hypothesis for one surface given the other planes; NaN when there is none."""
-        hypotheses = np.vstack([self._hypotheses(surface, index, planes), planes[surface][None]])
+    def _choose(self, instance: int, index: IntArray, planes: FloatArray) -> FloatArray:
+        """(4,) the cheapest hypothesis for one instance given the other planes; NaN when there is none."""
+        hypotheses = np.vstack([self._hypotheses(instance, index, planes), planes[instance][None]])
         hypotheses = hypotheses[np.isfinite(hypotheses).all(axis=1)]
         if len(hypotheses) == 0:
             return np.full(4, np.nan)
-        hypotheses = face_cameras(hypotheses, self.evidence.views[surface])
-        cost = self._cost(surface, index, hypotheses, planes)
+        hypotheses = face_cameras(hypotheses, self.evidence.views[instance])
+        cost = self._cost(instance, index, hypotheses, planes)
         best = int(np.argmin(cost))
         return hypotheses[best] if np.isfinite(cost[best]) else np.full(4, np.nan)
 
-    def _cost(self, surface: int, index: IntArray, hypotheses: FloatArray, planes: FloatArray) -> FloatArray:
-        """(H,) cost of ``surface`` at each hypothesis while all others stay at ``planes`` (NaN = not placed)."""
+    def _cost(self, instance: int, index: IntArray, hypotheses: FloatArray, planes: FloatArray) -> FloatArray:
+        """(H,) cost of ``instance`` at each hypothesis while all others stay at ``planes`` (NaN = not placed)."""
         config, evidence = self.config, self.evidence
-        depth = evidence.views[surface].depths(hypotheses)
+        depth = evidence.views[instance].depths(hypotheses)
         absurd = (depth < self.depth_range[0]) | (depth > self.depth_range[1])
         cost = config.absurd_weight * absurd.mean(axis=1)
         # Of depths that all else leaves open the usual one.
@@ -94,21 +94,21 @@ class _Search:
             capped = np.minimum((evidence.track_residuals(index, hypotheses) / config.track_cutoff) ** 2, 1.0)
             cost += min(len(index), config.max_track_weight) * capped.mean(axis=1)
         for group in evidence.edges:
-            if surface in group.surfaces and np.isfinite(planes[group.other(surface), 0]):
-                worst = np.abs(group.distances_px(hypotheses, planes[group.other(surface)])).max(axis=1)
+            if instance in group.instances and np.isfinite(planes[group.other(instance), 0]):
+                worst = np.abs(group.distances_px(hypotheses, planes[group.other(instance)])).max(axis=1)
                 price = np.minimum((worst / (config.edge_cutoff_px * group.camera.annotation_scale)) ** 2, 1.0)
                 if len(index) == 0:
                     # In a neighbour's own plane the edge with it says nothing, and tracks that could are missing.
                     price = np.where(np.isfinite(worst), price, np.inf)
                 cost += config.edge_weight * price
-        across = evidence.perpendicular[surface] & np.isfinite(planes[:, 0])
+        across = evidence.perpendicular[instance] & np.isfinite(planes[:, 0])
         sine = hypotheses[:, :3] @ planes[across, :3].T
         price = np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
         total: FloatArray = cost + config.perpendicularity_weight * price
-        if evidence.wall[surface]:
+        if evidence.wall[instance]:
             # Walls tend to stand at right angles or parallel: a hint for those that little else is known of.
-            others = evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != surface)
-            sine = manhattan_sine(hypotheses[:, :3] @ planes[others, :3].T, evidence.touching[surface, others])
+            others = evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != instance)
+            sine = manhattan_sine(hypotheses[:, :3] @ planes[others, :3].T, evidence.touching[instance, others])
             total += (
                 config.manhattan_weight
                 * np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
@@ -116,7 +116,7 @@ class _Search:
             )
         return total
 
-    def _hypotheses(self, surface: int, index: IntArray, planes: FloatArray) -> FloatArray:
+    def _hypotheses(self, instance: int, index: IntArray, planes: FloatArray) -> FloatArray:
         """(H, 4) candidate planes, normals of either sign; rows may be NaN where a draw was degenerate."""
         evidence, draws = self.evidence, self.config.draws
         points = evidence.rays.points_world()[index]
@@ -124,11 +124,11 @@ class _Search:
         confidence = evidence.rays.rho[index] / evidence.sigma_rho[index]
         placed = np.isfinite(planes[:, 0])
         lines = [
-            group.ends_on(planes[group.other(surface)])
+            group.ends_on(planes[group.other(instance)])
             for group in evidence.edges
-            if surface in group.surfaces and placed[group.other(surface)]
+            if instance in group.instances and placed[group.other(instance)]
         ]
-        across = planes[evidence.perpendicular[surface] & placed, :3]
+        across = planes[evidence.perpendicular[instance] & placed, :3]
         candidates = [np.empty((0, 4))]
         if len(points) >= 3:
             a, b, c = points[self._draw(confidence, (3, draws))]
@@ -148,7 +148,7 @@ class _Search:
         if len(points) or lines:
             # A ceiling over a floor, a wall along another: the same normal, through anything that is known of it.
             anchors = np.concatenate([points[:20], *lines])
-            alike = evidence.level if evidence.level[surface] else evidence.wall & evidence.wall[surface]
+            alike = evidence.level if evidence.level[instance] else evidence.wall & evidence.wall[instance]
             for normal in planes[alike & placed, :3]:
                 candidates.append(np.column_stack([np.tile(normal, (len(anchors), 1)), -anchors @ normal]))
         return np.concatenate(candidates)
@@ -169,7 +169,7 @@ def manhattan_sine(cosine: FloatArray, touching: BoolArray) -> FloatArray:
 
 
 def face_cameras(planes: FloatArray, views: Views) -> FloatArray:
-    """(H, 4) planes with normals turned to the side on which the cameras that draw the surface lie."""
+    """(H, 4) planes with normals turned to the side on which the cameras that draw the instance lie."""
     side = np.median(planes[:, :3] @ views.center.T + planes[:, 3:], axis=1)
     return planes * np.where(side < 0, -1.0, 1.0)[:, None]
 

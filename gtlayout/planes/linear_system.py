@@ -16,7 +16,7 @@ from gtlayout.planes.structural_factors import edge_factors, joint_factors, plan
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks
 
-TRACK, SURFACE, EDGE, JOINT, PRIOR = range(5)
+TRACK, SHARED_DEPTH, EDGE, JOINT, PRIOR = range(5)
 """Families of errors: the first three have a scale that is estimated, the others σ as configured; priors are not
 measurements, so none of them can be wrong.
 """
@@ -67,7 +67,7 @@ class _System:
 def linearise(
     tracks: Tracks, evidence: Evidence, planes: FloatArray, placed: IntArray, config: EstimationConfig
 ) -> LinearSystem:
-    """Tracks without their landmarks, the biases of surfaces and key frames, and all that joins planes."""
+    """Tracks without their landmarks, the biases of instances and key frames, and all that joins planes."""
     system = _System()
     for s in placed.tolist():
         system.values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
@@ -85,33 +85,33 @@ def linearise(
 def _add_tracks(
     system: _System, tracks: Tracks, evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig
 ) -> None:
-    """What the tracks of surface ``s`` say of its plane, and how far they may be off together."""
+    """What the tracks of instance ``s`` say of its plane, and how far they may be off together."""
     expected = config.uncertainty
-    index = np.nonzero((evidence.track_surface == s) & (evidence.track_weight > 0))[0]
+    index = np.nonzero((evidence.track_instance == s) & (evidence.track_weight > 0))[0]
     points, depth = evidence.on_planes(index, plane)
     index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
     if len(index) == 0:
         return
     # Surfaces of which few points survive (mirrors, gloss) are off by more.
     trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.least_trust))
-    over = np.column_stack([np.ones(len(index)), _over_surface(points, plane)])
+    over = np.column_stack([np.ones(len(index)), _over_plane(points, plane)])
     rays = evidence.rays
     raw = rays.sigma_rho[index] * depth
     # Observations of a track share errors: it knows no more than so many of them would.
     observations = np.bincount(tracks.track, minlength=len(tracks))[index]
     sigma = raw * np.sqrt(np.maximum(observations / config.independent_observations, 1.0))
-    sigma = np.hypot(sigma, config.sigma_surface / np.median(depth))
+    sigma = np.hypot(sigma, config.sigma_relief / np.median(depth))
     point, isotropic = np.zeros(3), gtsam.noiseModel.Isotropic.Sigma
     shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
     system.insert(S(s), point)
-    system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SURFACE)
+    system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SHARED_DEPTH)
     key_frame = evidence.track_key_frame[index]
     for k in np.unique(key_frame).tolist():
         here = key_frame == k
         key = B(s * len(tracks.tried) + k)
         bias = np.hypot(expected.relative_depth, expected.of_track * np.median(raw[here]))
         system.insert(key, point)
-        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias / trust))], SURFACE)
+        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias / trust))], SHARED_DEPTH)
         members, per_depth = index[here], 1 / depth[here]
         factor = biased_depth_factor(
             (P(s), key),
@@ -124,7 +124,7 @@ def _add_tracks(
         system.add([factor], TRACK)
 
 
-def _over_surface(points: FloatArray, plane: FloatArray) -> FloatArray:
+def _over_plane(points: FloatArray, plane: FloatArray) -> FloatArray:
     """(n, 2) where points lie on a plane, from their middle, in units of their spread."""
     uv = (points - np.median(points, axis=0)) @ gtsam.Unit3(plane[:3]).basis()
     return uv / max(float(np.sqrt(np.mean(np.sum(uv**2, axis=1)))), 1e-9)

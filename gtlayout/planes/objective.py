@@ -26,8 +26,8 @@ class Cost:
     """Negative log-likelihoods up to a constant."""
 
     total: float
-    by_surface: FloatArray
-    """(S,) all terms in which a surface takes part: those of two surfaces count for both. NaN without a plane."""
+    by_instance: FloatArray
+    """(S,) all terms in which an instance takes part: those of two count for both. NaN without a plane."""
 
 
 def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Cost:
@@ -41,8 +41,8 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     for s in np.nonzero(placed)[0].tolist():
         own[s] = _of_tracks(evidence, s, planes[s], config) + _of_absurd_depths(evidence, s, planes[s], config)
     for group in evidence.edges:
-        if placed[list(group.surfaces)].all():
-            pairs[group.surfaces] += _of_edge(group, planes, config)
+        if placed[list(group.instances)].all():
+            pairs[group.instances] += _of_edge(group, planes, config)
     values = gtsam.Values()
     for s in np.nonzero(placed)[0].tolist():
         values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
@@ -58,8 +58,8 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     odd = np.minimum(sine, config.right_angle_reach) / config.sigma_perpendicularity
     others = max(int(np.count_nonzero(evidence.wall & placed)) - 1, 1)
     pairs[walls] += 2 / others * cauchy_loss(odd**2, config.right_angle_cauchy)
-    by_surface = np.where(placed, own + pairs.sum(axis=0) + pairs.sum(axis=1), np.nan)
-    return Cost(float(own.sum() + pairs.sum()), by_surface)
+    by_instance = np.where(placed, own + pairs.sum(axis=0) + pairs.sum(axis=1), np.nan)
+    return Cost(float(own.sum() + pairs.sum()), by_instance)
 
 
 def cauchy_loss(squared: FloatArray, scale: float) -> FloatArray:
@@ -82,7 +82,7 @@ def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: Est
 
 
 def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
-    a, b = group.surfaces
+    a, b = group.instances
     off = group.ends_off_px(planes[a], planes[b]) / group.camera.annotation_scale
     first, second = np.clip(off, -FARTHEST_PX, FARTHEST_PX)
     shift, tilt = (first + second) / 2, (first - second) / 2

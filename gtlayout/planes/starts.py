@@ -22,7 +22,7 @@ from gtlayout.scene import FloatArray
 
 
 def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> FloatArray:
-    """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for a surface that nothing places."""
+    """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for an instance that nothing places."""
     ranked = []
     for number in range(config.starts):
         search = config.initialization
@@ -37,12 +37,12 @@ def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> Float
 
 def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> FloatArray:
     """(S, 4) all planes, optimised on tracks reduced to inverse depths."""
-    surfaces = np.nonzero(np.isfinite(start[:, 0]))[0].tolist()
+    placed = np.nonzero(np.isfinite(start[:, 0]))[0].tolist()
     graph = structure_factors(evidence, start, config)
     for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
         graph.push_back(prior)
     values = gtsam.Values()
-    for s in surfaces:
+    for s in placed:
         values.insert(P(s), gtsam.OrientedPlane3(start[s]))
         index, weight = evidence.tracks_of(s, config.max_track_weight)
         if weight > 0:
@@ -58,6 +58,6 @@ def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> F
     params.setRelativeErrorTol(config.relative_decrease)
     values = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
     planes = np.full_like(start, np.nan)
-    for s in surfaces:
+    for s in placed:
         planes[s] = values.atOrientedPlane3(P(s)).planeCoefficients()
     return planes

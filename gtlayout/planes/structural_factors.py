@@ -14,7 +14,7 @@ from gtlayout.tracking.normalisation import TYPICAL_DEPTH
 
 
 def structure_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> gtsam.NonlinearFactorGraph:
-    """All that joins planes, among the surfaces that have one in (S, 4) ``planes`` (NaN = none)."""
+    """All that joins planes, among the instances that have one in (S, 4) ``planes`` (NaN = none)."""
     graph = gtsam.NonlinearFactorGraph()
     for factor in (*edge_factors(evidence, planes, config), *joint_factors(evidence, planes, config)):
         graph.push_back(factor)
@@ -26,11 +26,11 @@ def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfi
     sigmas_px = np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])
     factors: list[gtsam.NonlinearFactor] = []
     for group in evidence.edges:
-        if np.isfinite(planes[list(group.surfaces), 0]).all():
+        if np.isfinite(planes[list(group.instances), 0]).all():
             camera = group.camera
             noise = _cauchy(camera.annotation_scale * sigmas_px, config.edge_cauchy)
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
-            keys = P(group.surfaces[0]), P(group.surfaces[1])
+            keys = P(group.instances[0]), P(group.instances[1])
             factors.append(edge_factor(keys, group.representatives_px(), projection, noise))
     return factors
 
@@ -72,7 +72,7 @@ def _cauchy(sigmas: FloatArray, scale: float) -> gtsam.noiseModel.Base:
 def plane_priors(
     evidence: Evidence, planes: FloatArray, sigma_depths: float, config: EstimationConfig
 ) -> list[gtsam.NonlinearFactor]:
-    """A prior on every plane that only matters where nothing else does: σ of d is so many depths of the surface."""
+    """A prior on every plane that only matters where nothing else does: σ of d is so many depths of the instance."""
     factors: list[gtsam.NonlinearFactor] = []
     for s in np.nonzero(np.isfinite(planes[:, 0]))[0].tolist():
         _, depth = evidence.views[s].seen_on(planes[s])
@@ -83,7 +83,7 @@ def plane_priors(
 
 
 def _right_angles(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> IntArray:
-    """(R, 2) surfaces to hold at right angles: walls to floor and ceiling (paper 3.3), and walls nearly so already.
+    """(R, 2) instances to hold at right angles: walls to floor and ceiling (paper 3.3), and walls nearly so already.
 
     The paper has no such term between walls; a weak one steadies those that little else holds, odd angles escape it.
     """

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gtlayout.instances import HeldBy, Support
+from gtlayout.instances import EvidenceKind, Support
 from gtlayout.planes.edge_group import EdgeGroup
 from gtlayout.planes.evidence import Evidence, followed
-from gtlayout.planes.graph import Solution
+from gtlayout.planes.graph import Optimum
 from gtlayout.prepared.measurements import Measurements
 from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.tracking.triangulation import parallax_deg
@@ -19,19 +19,19 @@ OUTVOTED = 0.1
 
 
 def supports(
-    measured: Measurements, evidence: Evidence, solution: Solution, held_by: Sequence[HeldBy]
+    measured: Measurements, evidence: Evidence, solution: Optimum, held_by: Sequence[EvidenceKind]
 ) -> tuple[Support, ...]:
     """What places each instance's plane. ``evidence`` and ``solution`` are local."""
     scene, tracks = measured.scene, measured.tracks
     parallax = parallax_deg(scene, tracks, measured.rays)
     placed = np.isfinite(solution.planes[:, 0])
-    edges = [(g, _distance_px(g, solution.planes)) for g in evidence.edges if placed[list(g.surfaces)].all()]
+    edges = [(g, _distance_px(g, solution.planes)) for g in evidence.edges if placed[list(g.instances)].all()]
     given_up: BoolArray = solution.robust_weight < OUTVOTED
     found = []
     for s, instance in enumerate(measured.instances):
-        own: BoolArray = evidence.track_surface == s
+        own: BoolArray = evidence.track_instance == s
         kept, tried = followed(scene, tracks, instance)
-        gaps = [gap for group, gap in edges if s in group.surfaces]
+        gaps = [gap for group, gap in edges if s in group.instances]
         found.append(
             Support(
                 tracks=int(np.count_nonzero(own)),
@@ -48,5 +48,5 @@ def supports(
 
 def _distance_px(group: EdgeGroup, planes: FloatArray) -> float:
     """Median distance of a contact edge's points from the line in which its planes meet; infinite when they do not."""
-    a, b = group.surfaces
+    a, b = group.instances
     return float(np.median(np.abs(group.distances_px(planes[a][None], planes[b]))))

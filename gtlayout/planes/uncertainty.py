@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from gtlayout.instances import HeldBy
+from gtlayout.instances import EvidenceKind
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
 from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
 from gtlayout.planes.evidence import Evidence
-from gtlayout.planes.linear_system import EDGE, PRIOR, SURFACE, TRACK, LinearSystem, linearise
+from gtlayout.planes.linear_system import EDGE, PRIOR, SHARED_DEPTH, TRACK, LinearSystem, linearise
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.tracks import Tracks
 
@@ -31,7 +31,7 @@ class Uncertainty:
 
     covariance: FloatArray
     """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
-    held_by: tuple[HeldBy, ...]
+    held_by: tuple[EvidenceKind, ...]
     """What each plane rests on; empty for those without a plane."""
 
 
@@ -39,7 +39,7 @@ class Uncertainty:
 class Scales:
     """How large errors are, in units of what was expected."""
 
-    surface: float
+    shared_depth: float
     """Errors of depth that points of a surface share."""
     edge: float
     """Errors of annotated edges."""
@@ -49,7 +49,7 @@ def error_scales(tracks: Tracks, evidence: Evidence, planes: FloatArray, config:
     """How large the residuals at (S, 4) ``planes`` say errors are."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     _, scale, _ = _scales(linearise(tracks, evidence, planes, placed, config), config.uncertainty)
-    return Scales(float(scale[SURFACE]), float(scale[EDGE]))
+    return Scales(float(scale[SHARED_DEPTH]), float(scale[EDGE]))
 
 
 def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Uncertainty:
@@ -57,7 +57,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = linearise(tracks, evidence, planes, placed, config)
     covariance, _, row_weight = _scales(linear, config.uncertainty)
-    tangents = config.uncertainty.unseen**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
+    tangents = config.uncertainty.sigma_inflation**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
         to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
@@ -65,7 +65,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     of_planes = to_coefficients @ tangents @ to_coefficients.T
     absent = np.repeat(~np.isin(np.arange(len(planes)), placed), 4)
     of_planes[absent] = of_planes[:, absent] = np.nan
-    held: list[HeldBy] = [""] * len(planes)
+    held: list[EvidenceKind] = [""] * len(planes)
     by_offset = np.array([offset_gradient(planes[s], evidence.views[s]) for s in placed])
     for s, kind in zip(placed, dominant_evidence(linear, row_weight, by_offset), strict=True):
         held[s] = kind
@@ -97,7 +97,7 @@ def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray
         freedom = config.student_freedom
         robust = linear.family != PRIOR
         weight = np.where(robust, (freedom + size) / (freedom + error / scale[linear.family] ** 2), 1.0)
-        for family in (TRACK, SURFACE, EDGE):
+        for family in (TRACK, SHARED_DEPTH, EDGE):
             own = linear.family == family
             measured = np.sum(weight[own] * expected[own]) + config.prior_measurements
             scale[family] = np.sqrt(measured / (np.sum(size[own]) + config.prior_measurements))

@@ -11,7 +11,7 @@ from gtlayout.scene import FloatArray
 
 @dataclass(frozen=True)
 class Views:
-    """Where one surface is drawn: P sampled pixels as rays."""
+    """Where one instance is drawn: P sampled pixels as rays."""
 
     center: FloatArray
     """(P, 3) camera centres."""

@@ -13,7 +13,7 @@ from gtlayout.prepared.canonical import Canonical
 from gtlayout.scene import IntArray, Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Measurements:
 
     scene: Scene
     tracks: Tracks
-    rays: Rays
+    rays: TriangulatedTracks
     instances: tuple[Instance, ...]
     track_instance: IntArray
     """(N,) instance of each track, -1 = none."""

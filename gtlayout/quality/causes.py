@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gtlayout.instances import HeldBy, Instance, Plane
+from gtlayout.instances import EvidenceKind, Instance, Plane
 from gtlayout.quality.config import QualityConfig
 
-_WEAKER: tuple[HeldBy, ...] = ("right angles", "contact edges")
+_WEAKER: tuple[EvidenceKind, ...] = ("right angles", "contact edges")
 """Evidence less direct than tracks."""
 
 

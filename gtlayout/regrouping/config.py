@@ -33,9 +33,9 @@ class RegroupingConfig:
     """Robust scale of a track, in σ."""
     track_cutoff: float = 3.0
     """A track off by more σ does not lie on the plane."""
-    max_lost: float = 0.6
+    max_truncated_loss: float = 0.6
     """Two planes explain an instance when each leaves no more than this share of any of its drawings unexplained …"""
-    min_lost_on_other: float = 0.6
+    min_loss_on_other: float = 0.6
     """… and no less of the other plane's, on average …"""
     min_gain: float = 0.5
     """… and when so many drawings more than by the best single plane are explained."""

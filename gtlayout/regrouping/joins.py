@@ -14,7 +14,7 @@ from gtlayout.geometry.depth import median_depth
 from gtlayout.instances import Instance, PlaneFrame
 from gtlayout.planes.estimate import Estimate
 from gtlayout.regrouping.config import RegroupingConfig
-from gtlayout.regrouping.on_plane import Drawn, draw_on, shown_there
+from gtlayout.regrouping.on_plane import UnprojectedElements, unproject_elements, visibility_votes
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
 
@@ -98,7 +98,7 @@ def _one_plane(
     if not difference.chi2 <= config.max_chi2 or angle_deg > config.max_angle_deg:
         return False
     common = a if a.support.tracks >= b.support.tracks else b
-    drawn = [draw_on(scene, instances[i].members, common, max_depth, extent) for i in pair]
+    drawn = [unproject_elements(scene, instances[i].members, common, max_depth, extent) for i in pair]
     if any(one.region.is_empty for one in drawn):
         return False
     gap, sigma = difference.at(np.concatenate([one.points for one in drawn]))
@@ -109,13 +109,15 @@ def _one_plane(
     if not _continue_each_other(drawn[0], drawn[1], instances[pair[0]].label, config):
         return False
     for i, j, there in zip(pair, pair[::-1], drawn[::-1], strict=True):
-        same, contradicted = shown_there(scene, instances, solved.planes, i, j, there.points, extent)
+        same, contradicted = visibility_votes(scene, instances, solved.planes, i, j, there.points, extent)
         if contradicted > config.max_contradicted * (same + contradicted):
             return False
     return True
 
 
-def _continue_each_other(a: Drawn, b: Drawn, label: Label, config: RegroupingConfig) -> bool:
+def _continue_each_other(
+    a: UnprojectedElements, b: UnprojectedElements, label: Label, config: RegroupingConfig
+) -> bool:
     """Whether two regions of one plane overlap or nearly touch; doors and windows may lie side by side."""
     if label in OPENINGS:
         shared = a.region.intersection(b.region).area

@@ -23,7 +23,7 @@ _REACH_PX = 4.0
 
 
 @dataclass(frozen=True)
-class Drawn:
+class UnprojectedElements:
     """Some drawings, unprojected on one plane."""
 
     points: FloatArray
@@ -34,9 +34,9 @@ class Drawn:
     """What they cover together, in the plane's own frame; empty when none of them can lie on the plane."""
 
 
-def draw_on(
+def unproject_elements(
     scene: Scene, members: Sequence[tuple[int, int]], plane: Plane, max_depth: float, config: ExtentConfig
-) -> Drawn:
+) -> UnprojectedElements:
     """The drawings ``members``, (key frame, element) each, as if they lay on ``plane``."""
     frame = PlaneFrame.across(plane.normal, -plane.d * plane.normal)
     points, depth, regions = [np.empty((0, 3))], [np.empty(0)], []
@@ -49,10 +49,10 @@ def draw_on(
             depth.append(camera.project(points[-1])[1])
             lifted = shapely.transform(seen, lambda px: frame.to_plane(unproject(px, plane, camera)))  # noqa: B023
             regions.append(polygons(lifted))
-    return Drawn(np.concatenate(points), np.concatenate(depth), polygons(shapely.union_all(regions)))
+    return UnprojectedElements(np.concatenate(points), np.concatenate(depth), polygons(shapely.union_all(regions)))
 
 
-def shown_there(
+def visibility_votes(
     scene: Scene,
     instances: Sequence[Instance],
     planes: Sequence[Plane],

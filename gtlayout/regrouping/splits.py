@@ -14,10 +14,10 @@ from gtlayout.instances import Instance, Plane
 from gtlayout.planes.evidence import prefer_visible
 from gtlayout.prepared.measurements import Measurements
 from gtlayout.regrouping.config import RegroupingConfig
-from gtlayout.regrouping.on_plane import draw_on, shown_there
+from gtlayout.regrouping.on_plane import unproject_elements, visibility_votes
 from gtlayout.scene import BoolArray, FloatArray, Scene
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import Rays
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _MOST_TRACKS = 100
 """Tracks of a drawing that are looked at, evenly spread over them."""
@@ -59,7 +59,7 @@ class Cluster:
         residuals: FloatArray = (self.rho - on_plane) / self.sigma_rho
         return residuals
 
-    def lost(self, plane: FloatArray, config: RegroupingConfig) -> float:
+    def truncated_loss(self, plane: FloatArray, config: RegroupingConfig) -> float:
         """How much of the drawing that plane leaves unexplained, in [0, 1]."""
         return float(np.mean(np.minimum((self.residuals(plane) / config.track_cutoff) ** 2, 1.0)))
 
@@ -109,7 +109,7 @@ def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[B
         return None
 
     def lost(planes: Sequence[FloatArray]) -> FloatArray:
-        return np.array([[cluster.lost(plane, config) for cluster in clusters] for plane in planes])
+        return np.array([[cluster.truncated_loss(plane, config) for cluster in clusters] for plane in planes])
 
     if lost([fit(clusters, config)]).sum() < config.min_gain:
         return None
@@ -127,8 +127,8 @@ def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[B
     single += [fit([clusters[c] for c in pair], config) for pair in pairs[:: -(-len(pairs) // _MOST_PAIRS)]]
     gain = float(lost(single).sum(axis=1).min() - own.sum())
     if (
-        own.max() > config.max_lost
-        or min(foreign[second].mean(), foreign[~second].mean()) < config.min_lost_on_other
+        own.max() > config.max_truncated_loss
+        or min(foreign[second].mean(), foreign[~second].mean()) < config.min_loss_on_other
         or gain < config.min_gain
     ):
         return None
@@ -154,7 +154,12 @@ def fit(clusters: Sequence[Cluster], config: RegroupingConfig) -> FloatArray:
 
 
 def cluster_of(
-    tracks: Tracks, rays: Rays, used: BoolArray, member: tuple[int, int], origin: FloatArray, config: RegroupingConfig
+    tracks: Tracks,
+    rays: TriangulatedTracks,
+    used: BoolArray,
+    member: tuple[int, int],
+    origin: FloatArray,
+    config: RegroupingConfig,
 ) -> Cluster:
     """The tracks that were sampled on one drawing. No plane may run through the world point ``origin``."""
     index = np.nonzero(used & (tracks.key_frame == member[0]) & (tracks.element == member[1]))[0]
@@ -184,12 +189,12 @@ def _are_two(
     """Whether key frames that show one part mostly show something else where the other should be, and some do."""
     shown = []
     for part, other in ((0, 1), (1, 0)):
-        points = draw_on(scene, parts[part], sides[part], max_depth, extent).points
+        points = unproject_elements(scene, parts[part], sides[part], max_depth, extent).points
         supposed = [*instances, replace(instances[index], members=parts[other])]
         supposed[index] = replace(instances[index], members=parts[part])
         on = [*planes, sides[other]]
         on[index] = sides[part]
-        shown.append(shown_there(scene, supposed, on, len(instances), index, points, extent))
+        shown.append(visibility_votes(scene, supposed, on, len(instances), index, points, extent))
     return all(same <= config.max_shown_as_one * (same + else_) for same, else_ in shown) and any(
         else_ for _, else_ in shown
     )
@@ -204,7 +209,10 @@ def _with_the_others(
     extent: ExtentConfig,
 ) -> tuple[Members, Members]:
     """Both parts with the drawings that have too few tracks to tell: each goes where it overlaps what is there more."""
-    regions = [draw_on(scene, part, plane, max_depth, extent).region for part, plane in zip(parts, sides, strict=True)]
+    regions = [
+        unproject_elements(scene, part, plane, max_depth, extent).region
+        for part, plane in zip(parts, sides, strict=True)
+    ]
     whole = [list(part) for part in parts]
     larger = int(len(parts[1]) > len(parts[0]))
     for member in instance.members:
@@ -212,7 +220,7 @@ def _with_the_others(
             continue
         overlap = []
         for plane, region in zip(sides, regions, strict=True):
-            drawn = draw_on(scene, [member], plane, max_depth, extent).region
+            drawn = unproject_elements(scene, [member], plane, max_depth, extent).region
             overlap.append(drawn.intersection(region).area / drawn.area if drawn.area else 0.0)
         # A drawing that lies within both lies so in each but for rounding.
         tied = abs(overlap[1] - overlap[0]) < _SAME_SHARE

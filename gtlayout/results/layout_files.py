@@ -17,7 +17,7 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.glb import glb_bytes
 from gtlayout.export.ply import ply_bytes
-from gtlayout.instances import Dimension, Extent, HeldBy, Instance, Mesh, Plane, PlaneFrame, Support
+from gtlayout.instances import Dimension, EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
 from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
@@ -217,7 +217,7 @@ def _read_element(
 
 
 def _read_support(row: dict[str, Any]) -> Support:
-    if row["held_by"] not in get_args(HeldBy):
+    if row["held_by"] not in get_args(EvidenceKind):
         raise ValueError(f"unknown support {row['held_by']!r}")
     return Support(
         tracks=int(row["tracks"]),

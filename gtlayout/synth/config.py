@@ -62,7 +62,7 @@ class SynthConfig:
     exposure_sigma_ev: Annotated[float, Parameter(name="--exposure", group=IMAGES, validator=NotNegative)] = 0.0
     """σ of a smooth change of exposure over the video, stops."""
     oversample: Annotated[int, Parameter(group=IMAGES, validator=Positive)] = 2
-    """Rays per pixel and axis."""
+    """TriangulatedTracks per pixel and axis."""
     jpeg_quality: Annotated[int, Parameter(group=IMAGES, validator=Number(gte=1, lte=100))] = 92
     """1 to 100."""
     annotator: Annotated[AnnotatorErrors, Parameter(name="*", group=ANNOTATOR)] = field(default_factory=AnnotatorErrors)

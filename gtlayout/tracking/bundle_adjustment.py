@@ -19,7 +19,7 @@ from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking.config import CameraRefinementConfig, TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks, spread_observations
-from gtlayout.tracking.triangulation import Rays, camera_path, reprojection_px, triangulate
+from gtlayout.tracking.triangulation import TriangulatedTracks, camera_path, reprojection_px, triangulate
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class CameraReport:
 def refine_cameras(
     scene: Scene,
     tracks: Tracks,
-    rays: Rays,
+    rays: TriangulatedTracks,
     config: CameraRefinementConfig,
     triangulation: TriangulationConfig,
     seed: int,
@@ -65,30 +65,38 @@ def refine_cameras(
     if len(held_out) < config.min_held_out:
         return scene, CameraReport(f"only {len(order)} points could be tracked")
     given_cost, given_px = _misfit(scene, tracks, rays, held_out)
-    best_cost, best_px, freedom = given_cost, given_px, 0.0
+    best_cost, best_px, prior_scale = given_cost, given_px, 0.0
     min_gain = config.min_gain
     for tried in (1.0, *config.looser):
         trial = _adjusted(scene, tracks, rays, fitted, tried, config)
         cost, px = _misfit(trial, tracks, triangulate(trial, tracks, triangulation), held_out)
         if cost > (1 - min_gain) * best_cost:
             break
-        best_cost, best_px, freedom, min_gain = cost, px, tried, config.min_gain_looser
-    if freedom == 0.0:
+        best_cost, best_px, prior_scale, min_gain = cost, px, tried, config.min_gain_looser
+    if prior_scale == 0.0:
         reason = f"points it did not see lie {figure(given_px, 2, ' px')} off before and {figure(px, 2, ' px')} after"
         return scene, CameraReport(reason, given_px=given_px, refined_px=px)
-    refined = _adjusted(scene, tracks, rays, order, freedom, config)
+    refined = _adjusted(scene, tracks, rays, order, prior_scale, config)
     turns_deg, shifts = _moved(scene, refined, np.unique(tracks.frame[np.isin(tracks.track, order)]))
     return refined, CameraReport("", float(np.median(turns_deg)), float(np.median(shifts)), given_px, best_px)
 
 
 def _adjusted(
-    scene: Scene, tracks: Tracks, rays: Rays, used: IntArray, freedom: float, config: CameraRefinementConfig
+    scene: Scene,
+    tracks: Tracks,
+    rays: TriangulatedTracks,
+    used: IntArray,
+    prior_scale: float,
+    config: CameraRefinementConfig,
 ) -> Scene:
-    """The scene with the cameras that explain the ``used`` tracks best; ``freedom``: factor on σ of the given poses."""
+    """The scene with the cameras that explain the ``used`` tracks best.
+
+    ``prior_scale`` is a factor on σ of the given poses.
+    """
     local = Normalisation.of(rays)
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     observed = np.isin(tracks.track, used) & spread_observations(tracks, config.max_observations)
-    graph, values = _graph(cameras, tracks, local.rays(rays), observed, freedom, config)
+    graph, values = _graph(cameras, tracks, local.rays(rays), observed, prior_scale, config)
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(config.max_iterations)
     params.setRelativeErrorTol(config.relative_decrease)
@@ -104,16 +112,16 @@ def _adjusted(
 def _graph(
     cameras: Sequence[Camera],
     tracks: Tracks,
-    rays: Rays,
+    rays: TriangulatedTracks,
     observed: BoolArray,
-    freedom: float,
+    prior_scale: float,
     config: CameraRefinementConfig,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Bundle adjustment in the local world, native factors only, and where it starts."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     noise = gtsam.noiseModel
     sigmas = [*3 * [np.deg2rad(config.sigma_rotation_deg)], *3 * [config.sigma_position]]
-    as_given = noise.Diagonal.Sigmas(freedom * np.array(sigmas))
+    as_given = noise.Diagonal.Sigmas(prior_scale * np.array(sigmas))
     intrinsics = {}
     for f in np.unique(tracks.frame[observed]).tolist():
         camera, K = cameras[f], cameras[f].K
@@ -129,8 +137,8 @@ def _graph(
         models[n] = noise.Robust.Create(cauchy, noise.Isotropic.Sigma(2, sigma_px))
         values.insertPoint3(L(n), points[n])
         # A track without parallax has no depth: this keeps the system regular.
-        leash = noise.Isotropic.Sigma(3, config.sigma_point_depths * float(depth[n]))
-        graph.add(gtsam.PriorFactorPoint3(L(n), points[n], leash))
+        weak_prior = noise.Isotropic.Sigma(3, config.sigma_point_depths * float(depth[n]))
+        graph.add(gtsam.PriorFactorPoint3(L(n), points[n], weak_prior))
     for n, f, point_px in zip(
         tracks.track[observed].tolist(), tracks.frame[observed].tolist(), tracks.points_px[observed], strict=True
     ):
@@ -138,7 +146,7 @@ def _graph(
     return graph, values
 
 
-def _misfit(scene: Scene, tracks: Tracks, rays: Rays, chosen: IntArray) -> tuple[float, float]:
+def _misfit(scene: Scene, tracks: Tracks, rays: TriangulatedTracks, chosen: IntArray) -> tuple[float, float]:
     """Mean robust cost and median error, px, of the ``chosen`` tracks' observations outside their key frames."""
     errors_px = np.linalg.norm(reprojection_px(scene, tracks, rays), axis=1)
     key_frames = np.array([key_frame.frame for key_frame in scene.key_frames])[tracks.key_frame]

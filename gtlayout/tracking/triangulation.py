@@ -17,7 +17,7 @@ _MOVED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
-class Rays:
+class TriangulatedTracks:
     """Each track as a point at inverse depth ρ on a ray: ``X = center + ray / ρ``."""
 
     center: FloatArray
@@ -43,7 +43,7 @@ class Rays:
         return float(np.mean(self.parallax_sigmas > _MOVED_SIGMAS)) if len(self.rho) else np.nan
 
 
-def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Rays:
+def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> TriangulatedTracks:
     """Minimise a Cauchy loss of the reprojection errors over inverse depth, for all tracks at once.
 
     The key frame's own point defines the ray. A grid over inverse depth finds the right basin (a slide or a repeated
@@ -79,7 +79,7 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Ra
     )
     # Where there is no parallax a depth is only known not to be small: how far away it ends must not matter.
     least, most = np.median(rho) / np.flip(config.depth_range_medians) if len(rho) else (0.0, np.inf)
-    return Rays(
+    return TriangulatedTracks(
         center=center,
         ray=ray,
         key_px=key_px,
@@ -90,7 +90,7 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Ra
     )
 
 
-def parallax_deg(scene: Scene, tracks: Tracks, rays: Rays) -> FloatArray:
+def parallax_deg(scene: Scene, tracks: Tracks, rays: TriangulatedTracks) -> FloatArray:
     """(N,) largest angle at which two of a track's cameras see its triangulated point, degrees."""
     centers = np.array([frame.camera.center_world for frame in scene.frames])
     towards = centers[tracks.frame] - rays.points_world()[tracks.track]
@@ -107,7 +107,7 @@ def camera_path(scene: Scene) -> float:
     return extent if extent > 1e-9 * float(np.abs(centers).max()) else 0.0
 
 
-def reprojection_px(scene: Scene, tracks: Tracks, rays: Rays) -> FloatArray:
+def reprojection_px(scene: Scene, tracks: Tracks, rays: TriangulatedTracks) -> FloatArray:
     """(M, 2) where each observation's point projects to, minus where it was seen."""
     far, slope = _projection(scene, tracks, rays.center, rays.ray)
     residual, _ = _reprojection(tracks, far, slope, rays.rho[tracks.track])

@@ -73,7 +73,7 @@ def serve_log(log: Path, port: int, announce: Callable[[str], None]) -> None:
     # Killed rather than interrupted, the server would be left behind and keep its ports.
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        with TemporaryFile("w+") as said, _group(command, said) as server:
+        with TemporaryFile("w+") as output, _group(command, output) as server:
             try:
                 _await(server, port)
                 if server.poll() is None:
@@ -84,8 +84,8 @@ def serve_log(log: Path, port: int, announce: Callable[[str], None]) -> None:
                 # The command is a Python script that waits for the real server: both have to go.
                 with suppress(ProcessLookupError):
                     os.killpg(server.pid, signal.SIGTERM)
-            said.seek(0)
-            raise _ended(status, said.read())
+            output.seek(0)
+            raise _ended(status, output.read())
     except KeyboardInterrupt:
         return
     finally:
@@ -115,8 +115,8 @@ def _require_free(port: int) -> None:
         raise GtlayoutError(msg) from None
 
 
-def _group(command: Sequence[str], said: IO[str]) -> subprocess.Popen[bytes]:
-    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True)
+def _group(command: Sequence[str], output: IO[str]) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, start_new_session=True)
 
 
 def _await(server: subprocess.Popen[bytes], port: int) -> None:
@@ -137,6 +137,6 @@ def _listens(port: int) -> bool:
     return True
 
 
-def _ended(status: int, said: str) -> GtlayoutError:
-    reason = (said.strip().splitlines() or ["no reason given"])[-1]
+def _ended(status: int, output: str) -> GtlayoutError:
+    reason = (output.strip().splitlines() or ["no reason given"])[-1]
     return GtlayoutError(f"the rerun viewer ended with status {status}: {reason}")

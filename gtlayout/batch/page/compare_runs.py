@@ -47,11 +47,11 @@ def comparison(run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
         "better_count": len(better),
         "status": [
             {
-                "name": said,
-                "here": sum(said in (group(run.records[name]), run.records[name].status) for name in both),
-                "there": sum(said in (group(other.records[name]), other.records[name].status) for name in both),
+                "name": verdict,
+                "here": sum(verdict in (group(run.records[name]), run.records[name].status) for name in both),
+                "there": sum(verdict in (group(other.records[name]), other.records[name].status) for name in both),
             }
-            for said in (*GROUPS[::-1], "accepted", "not accepted")
+            for verdict in (*GROUPS[::-1], "accepted", "not accepted")
         ],
         "medians": _medians([(run.records[name], other.records[name]) for name in both]),
         "only_here": [printable(name) for name in run.records if name not in other.records],

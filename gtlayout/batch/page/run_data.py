@@ -57,11 +57,11 @@ def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
         "last": max((record.finished for record in records), default=""),
         "failures": _failures(records),
         "crossed": {
-            said: {
-                word: sum(record.status == said and record.predicted == word for record in records)
+            verdict: {
+                word: sum(record.status == verdict and record.predicted == word for record in records)
                 for word in ("trustworthy", "doubtful")
             }
-            for said in ("accepted", "not accepted")
+            for verdict in ("accepted", "not accepted")
         },
         "distributions": _distributions(records, accept_iou(run)),
         "files": {"page": REPORT_FILE, "log": SOLVE_LOG_FILE, "thumbnail": THUMBNAIL_FILE},
@@ -120,10 +120,10 @@ def _status(record: Record) -> str:
 
 def reason(record: Record) -> str:
     """Why, without the scene's own folder in front of its files."""
-    said = record.reason
+    reason = record.reason
     if record.source:
-        said = said.replace(f"{record.source}{os.sep}", "").replace(record.source, "the scene's folder")
-    return printable(said)
+        reason = reason.replace(f"{record.source}{os.sep}", "").replace(record.source, "the scene's folder")
+    return printable(reason)
 
 
 def number(value: float | None) -> float | None:

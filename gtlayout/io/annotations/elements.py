@@ -103,14 +103,14 @@ def _names(whole: Sequence[DrawnElement]) -> list[str]:
 
 def _owner(part: DrawnVisible, whole: Sequence[DrawnElement], names: Sequence[str]) -> tuple[int | None, str | None]:
     everyone = range(len(whole))
-    said = [i for i in everyone if part.element is not None and part.element in (whole[i].id, names[i])]
+    named = [i for i in everyone if part.element is not None and part.element in (whole[i].id, names[i])]
     grouped = [i for i in everyone if part.group is not None and part.group == whole[i].group]
     note = None
-    if part.element is not None and not said:
+    if part.element is not None and not named:
         note = f"a visible part belongs to element {part.element}, which is not there: given to what it overlaps most"
-    candidates = said or grouped or list(everyone)
-    if len(said) == 1:
-        return said[0], None
+    candidates = named or grouped or list(everyone)
+    if len(named) == 1:
+        return named[0], None
     shared = shapely.intersection(part.region, np.array([whole[i].amodal for i in candidates], dtype=object))
     overlaps = dict(zip(candidates, shapely.area(shared).tolist(), strict=True))
     most = max(overlaps.values(), default=0.0)

@@ -116,8 +116,8 @@ def _clip(root: Path, path: Path) -> Clip:
             raise GtlayoutError(f"{path}: image_size must be [height, width] in pixels")
         scale = np.array(images.size) / (width, height)
         if abs(scale[0] / scale[1] - 1) > MAX_STRETCH:
-            said, found = f"{width:g}x{height:g}", f"{images.size[0]}x{images.size[1]}"
-            raise GtlayoutError(f"{path}: image_size is {said} (width x height) but the images are {found}")
+            declared, found = f"{width:g}x{height:g}", f"{images.size[0]}x{images.size[1]}"
+            raise GtlayoutError(f"{path}: image_size is {declared} (width x height) but the images are {found}")
     return Clip(match[1], tuple(frames), images, scale)
 
 

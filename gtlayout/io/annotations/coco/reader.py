@@ -133,8 +133,8 @@ def _shape(
         raise UnusableError("it has no segmentation")
     seen = _first(part, VISIBLE_FIELDS)
     visible = polygons if is_region and seen is None and not part.get("invisible_mask") else _rings(seen, size)
-    said = part.get("attributes")
-    attributes = {key.casefold(): name(value) for key, value in said.items()} if isinstance(said, dict) else {}
+    given = part.get("attributes")
+    attributes = {key.casefold(): name(value) for key, value in given.items()} if isinstance(given, dict) else {}
     return RawShape(label, polygons, visible=visible, id=attributes.get("id"), element=attributes.get("element"))
 
 

@@ -24,8 +24,8 @@ def rle_rings(rle: dict[str, Any], size: tuple[int, int] | None) -> tuple[FloatA
 
     ``size`` is the image's (width, height) where it is known. Raises UnusableError.
     """
-    said = rle.get("size")
-    own_size = image_size(said[1], said[0]) if isinstance(said, list) and len(said) == 2 else None
+    stated = rle.get("size")
+    own_size = image_size(stated[1], stated[0]) if isinstance(stated, list) and len(stated) == 2 else None
     if own_size is None:
         raise UnusableError("its mask has no size")
     if size is not None and own_size != size:

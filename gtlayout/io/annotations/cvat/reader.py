@@ -147,15 +147,17 @@ def _shape(node: Node, track: Node | None, where: str, notes: Notes) -> RawShape
         notes.add(f"{node.tag} skipped: a number is missing or broken", where)
         return None
     owner = node if track is None else track
-    said = {each.get("name", "").casefold(): _line(each.text or "").strip() for each in node.iterfind("attribute")}
+    attributes = {
+        each.get("name", "").casefold(): _line(each.text or "").strip() for each in node.iterfind("attribute")
+    }
     group = _line(owner.get("group_id", "")).strip().removeprefix("0") or None  # 0 is no group
     of_track = None if track is None or group else _line(f"track_{track.get('id')}")
     return RawShape(
         _line(owner.get("label", "")),
         polygons,
         lines,
-        id=said.get("id") or of_track,
-        element=said.get("element") or None,
+        id=attributes.get("id") or of_track,
+        element=attributes.get("element") or None,
         group=group,
         z_order=z_order,
     )

@@ -45,25 +45,25 @@ def _describe(task: Node, images: int) -> None:
     for tag, value in about.items():
         _text(task, tag, str(value))
     labels = SubElement(task, "labels")
-    for said in json.loads(label_config("cvat")):
+    for label_spec in json.loads(label_config("cvat")):
         label = SubElement(labels, "label")
         for tag in ("name", "color", "type"):
-            _text(label, tag, said[tag])
+            _text(label, tag, label_spec[tag])
         attributes = SubElement(label, "attributes")
-        for attribute in said["attributes"]:
+        for attribute in label_spec["attributes"]:
             _attribute(SubElement(attributes, "attribute"), attribute)
 
 
-def _attribute(node: Node, said: dict[str, Any]) -> None:
+def _attribute(node: Node, attribute: dict[str, Any]) -> None:
     for tag in ("name", "mutable", "input_type", "default_value"):
-        _text(node, tag, str(said[tag]))
-    _text(node, "values", "\n".join(said["values"]))
+        _text(node, tag, str(attribute[tag]))
+    _text(node, "values", "\n".join(attribute["values"]))
 
 
 def _shape(image: Node, tag: str, label: str, points_px: FloatArray, attributes: dict[str, str]) -> None:
     points = ";".join(f"{x:.2f},{y:.2f}" for x, y in points_px)
-    said = {"label": label, "source": "manual", "occluded": "0", "points": points, "z_order": "0"}
-    shape = SubElement(image, tag, said)
+    fields = {"label": label, "source": "manual", "occluded": "0", "points": points, "z_order": "0"}
+    shape = SubElement(image, tag, fields)
     for name, value in attributes.items():
         SubElement(shape, "attribute", {"name": name}).text = value
 

@@ -139,14 +139,14 @@ def _is_region(value: Any) -> bool:
 def _images(data: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None:
     """Names of the task's images: of the field a result says it is about, else of the one that looks like images."""
     fields = {key: urls for key, value in data.items() if (urls := _urls(value))}
-    said = [
+    declared = [
         result[key].removeprefix("$")
         for result in results
         if isinstance(result, dict)
         for key in ("source", "to_name")
         if isinstance(result.get(key), str)
     ]
-    key = next((key for key in (*said, "image") if key in fields), None)
+    key = next((key for key in (*declared, "image") if key in fields), None)
     if key is None:
         images = [key for key, urls in fields.items() if all(map(_looks_like_image, urls))] or list(fields)
         key = images[0] if len(images) == 1 else None

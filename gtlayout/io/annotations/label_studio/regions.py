@@ -98,29 +98,29 @@ def _region(
     if size is None:
         raise UnusableError("original_width and original_height are missing")
     sizes.setdefault(item, size)
-    said = _said(same)
+    texts_by_tag = _texts_by_tag(same)
     polygons, lines = region_geometry(drawn, size)
     if is_curved(drawn):
         notes.add("curved vector read as straight between its points", where)
     own = key if isinstance(key, str) else None
     parent = next(filter(None, (name(result.get("parentID")) for result in same)), None)
     labels = list(dict.fromkeys(labels))
-    return _Region(tuple(labels), said.get(ID, own), said.get(ELEMENT), parent, item, polygons, lines)
+    return _Region(tuple(labels), texts_by_tag.get(ID, own), texts_by_tag.get(ELEMENT), parent, item, polygons, lines)
 
 
-def _said(same: Sequence[dict[str, Any]]) -> dict[str, str]:
+def _texts_by_tag(same: Sequence[dict[str, Any]]) -> dict[str, str]:
     """What text fields say of a region, or, as ``element: w1``, its note."""
-    said: dict[str, str] = {}
+    texts_by_tag: dict[str, str] = {}
     for result in same:
         meta = result.get("meta")
         notes = _names(meta.get("text")) if isinstance(meta, dict) else ()
         for key, text in re.findall(rf"\b({ID}|{ELEMENT})\s*[:=]\s*(\S+)", " ".join(notes)):
-            said.setdefault(key, text)
+            texts_by_tag.setdefault(key, text)
     for result in same:
         tag, value = result.get("from_name"), result.get("value")
         if tag in (ID, ELEMENT) and isinstance(value, dict) and (texts := _names(value.get("text"))):
-            said[tag] = texts[0]
-    return said
+            texts_by_tag[tag] = texts[0]
+    return texts_by_tag
 
 
 def _names(value: Any) -> list[str]:
