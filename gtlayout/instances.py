@@ -49,6 +49,13 @@ class Support:
     """The strongest kind of evidence that the plane rests on; empty when it is not known."""
 
 
+def propagated_sigma(gradient: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(...) σ of what has (..., n) ``gradient`` by variables with (n, n) ``covariance``: √(gᵀ C g)."""
+    variance = np.einsum("...a,ab,...b->...", gradient, covariance, gradient)
+    # Rounding can make the variance of what is known exactly negative.
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
 @dataclass(frozen=True)
 class Plane:
     """``normal · X + d = 0`` in the world, normal turned towards the cameras."""
@@ -89,9 +96,7 @@ class Plane:
     def sigma_offset(self, points_world: FloatArray) -> FloatArray:
         """(...) σ of the plane's position along its normal at points (..., 3) on it, world unit."""
         gradient = np.concatenate([points_world - self.anchor, np.ones((*points_world.shape[:-1], 1))], axis=-1)
-        variance = np.einsum("...a,ab,...b->...", gradient, self.covariance, gradient)
-        # Rounding can make the variance of what is known exactly negative.
-        return np.sqrt(np.maximum(variance, 0.0))
+        return propagated_sigma(gradient, self.covariance)
 
     def sigma_depth(self, points_world: FloatArray, rays_world: FloatArray) -> FloatArray:
         """(...) σ of the depths at which the plane is hit by rays through points (..., 3) on it.

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import shapely
 
-from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame
+from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame, propagated_sigma
 from gtlayout.scene import FloatArray, Label
 
 MAX_ANGLE_DEG = 10.0
@@ -88,4 +88,4 @@ def _sigma(covariance: FloatArray, surfaces: tuple[int, int], gradients: tuple[F
     """σ of t_second − t_first, cross terms included."""
     rows = np.concatenate([np.arange(4 * s, 4 * s + 4) for s in surfaces])
     gradient = np.concatenate(gradients)
-    return float(np.sqrt(np.maximum(gradient @ covariance[np.ix_(rows, rows)] @ gradient, 0.0)))
+    return float(propagated_sigma(gradient, covariance[np.ix_(rows, rows)]))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gtlayout.geometry.rays import depth_on_plane
 from gtlayout.scene import Camera, FloatArray
 
 _MIN_DIHEDRAL = 0.2
@@ -56,5 +57,5 @@ class EdgeGroup:
         """(2, 3) points of the edge's two ends on one of its planes."""
         rays = self.camera.rays_world(self.points_px[[0, -1]])
         center = self.camera.center_world
-        depth = -(plane[:3] @ center + plane[3]) / (rays @ plane[:3])
+        depth = depth_on_plane(plane[:3] @ center + plane[3], rays @ plane[:3])
         return center + depth[:, None] * rays

@@ -12,7 +12,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.similarity import covariance_by
-from gtlayout.instances import Plane
+from gtlayout.instances import Plane, propagated_sigma
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimate import Estimate, Iteration
@@ -148,8 +148,8 @@ def _relative_depth_sigma(plane: FloatArray, covariance: FloatArray, views: View
         return np.inf
     points = views.center[seen] + depth[seen, None] * views.ray[seen]
     homogeneous = np.column_stack([points, np.ones(len(points))])
-    variance = np.sum(homogeneous @ covariance * homogeneous, axis=1)
-    return float(np.median(np.sqrt(variance) / np.abs(views.ray[seen] @ plane[:3]) / depth[seen]))
+    sigma = propagated_sigma(homogeneous, covariance)
+    return float(np.median(sigma / np.abs(views.ray[seen] @ plane[:3]) / depth[seen]))
 
 
 def _notes(planes: FloatArray, covariance: FloatArray, views: Sequence[Views], config: EstimationConfig) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gtlayout.edges import ContactEdge
 from gtlayout.geometry.raster import spread_points
+from gtlayout.geometry.rays import depth_on_plane, inverse_depth_on_plane
 from gtlayout.instances import Instance
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.edge_group import EdgeGroup
@@ -66,7 +67,7 @@ class Evidence:
         center, ray = self.rays.center[index], self.rays.ray[index]
         facing = np.sum(planes[..., :3] * ray, axis=1)
         clearance = np.sum(planes[..., :3] * center, axis=1) + planes[..., 3]
-        depth = -clearance / np.where(facing == 0, 1e-12, facing)
+        depth = depth_on_plane(clearance, facing)
         return center + depth[:, None] * ray, depth
 
     def tracks_of(self, instance: int, max_weight: float) -> tuple[IntArray, float]:
@@ -83,7 +84,7 @@ class Evidence:
         """(H, n) deviation of the tracks' inverse depths from those of (H, 4) planes, in σ."""
         facing = planes[:, :3] @ self.rays.ray[index].T
         clearance = planes[:, :3] @ self.rays.center[index].T + planes[:, 3:]
-        on_plane = -facing / np.where(np.abs(clearance) < 1e-9, 1e-9, clearance)
+        on_plane = inverse_depth_on_plane(clearance, facing)
         residuals: FloatArray = (self.rays.rho[index] - on_plane) / self.sigma_rho[index]
         return residuals
 

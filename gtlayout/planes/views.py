@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
+from gtlayout.geometry.rays import depth_on_plane
 from gtlayout.scene import FloatArray
 
 
@@ -21,8 +20,7 @@ class Views:
     def depths(self, planes: FloatArray) -> FloatArray:
         """(H, P) depths at which (H, 4) planes are seen there; negative behind the camera."""
         facing = planes[:, :3] @ self.ray.T
-        depth: FloatArray = -(planes[:, :3] @ self.center.T + planes[:, 3:]) / np.where(facing == 0, 1e-12, facing)
-        return depth
+        return depth_on_plane(planes[:, :3] @ self.center.T + planes[:, 3:], facing)
 
     def seen_on(self, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(Q, 3) points and (Q,) depths where a (4,) plane is seen at the pixels; fewer than P, maybe none."""

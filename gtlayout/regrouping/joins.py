@@ -11,7 +11,7 @@ import shapely
 
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.depth import median_depth
-from gtlayout.instances import Instance, PlaneFrame
+from gtlayout.instances import Instance, PlaneFrame, propagated_sigma
 from gtlayout.planes.estimate import Estimate
 from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.regrouping.on_plane import UnprojectedElements, unproject_elements, visibility_votes
@@ -41,8 +41,7 @@ class Difference:
     def at(self, points_world: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(P,) distance of the two planes at (P, 3) points of one of them, along the normal, and its σ."""
         homogeneous = np.column_stack([points_world, np.ones(len(points_world))])
-        variance = np.sum(homogeneous @ self.covariance * homogeneous, axis=1)
-        return homogeneous @ self.coefficients, np.sqrt(np.maximum(variance, 0.0))
+        return homogeneous @ self.coefficients, propagated_sigma(homogeneous, self.covariance)
 
 
 def plane_difference(solved: Estimate, pair: tuple[int, int]) -> Difference:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.depth import median_depth
+from gtlayout.geometry.rays import inverse_depth_on_plane
 from gtlayout.instances import Instance, Plane
 from gtlayout.planes.evidence import prefer_visible
 from gtlayout.prepared.measurements import Measurements
@@ -54,8 +55,7 @@ class Cluster:
 
     def residuals(self, plane: FloatArray) -> FloatArray:
         """(N,) inverse depths minus those of the plane ``plane · X = -1``, in σ."""
-        clearance = 1 + self.center @ plane
-        on_plane = -(self.ray @ plane) / np.where(np.abs(clearance) < 1e-9, 1e-9, clearance)
+        on_plane = inverse_depth_on_plane(1 + self.center @ plane, self.ray @ plane)
         residuals: FloatArray = (self.rho - on_plane) / self.sigma_rho
         return residuals
 
