@@ -115,6 +115,16 @@ class Reader(Generic[T]):
     """(scene folder, the one detected path) → the data; raises GtlayoutError."""
 
 
+def named(name: str) -> Callable[[Path], list[Path]]:
+    """Detects the file or folder of that name in a scene folder."""
+
+    def detect(root: Path) -> list[Path]:
+        path = root / name
+        return [path] if path.exists() else []
+
+    return detect
+
+
 def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple[str, ...]]:
     """Cameras as ``read`` makes them of ``entries``, and a warning that counts those it raised GtlayoutError for.
 

@@ -20,6 +20,13 @@ class InitializationConfig:
     """How often every element is chosen again in the light of the others."""
     max_tracks: int = 100
     """Tracks of an element that take part."""
+    unknown_depth_share: float = 0.25
+    """In the order in which elements are placed a track whose σ is this share of its depth counts nothing, one whose
+    depth is known exactly counts fully."""
+    placed_contact_tracks: float = 3.0
+    """In the same order, worth of a contact edge with something placed already, in tracks."""
+    anchors: int = 20
+    """Tracks of an element through which planes parallel to others are tried."""
     track_cutoff: float = 3.0
     """A track off by more σ than this is an outlier."""
     max_track_weight: float = 60.0
@@ -107,6 +114,10 @@ class EstimationConfig:
     """Robust scale of an edge, in σ."""
     max_contact_px: float = 10.0
     """Two surfaces whose contact edge is further than this from where their planes meet do not touch."""
+    readmitted_share: float = 0.6
+    """A pair of instances taken apart comes together again once its edge fits better than this share of the limit."""
+    contact_searches: int = 4
+    """Searches for starting planes at most: without the wrong contacts others may turn out to be right."""
     sigma_perpendicularity: float = 0.02
     """Deviation from a right angle, radians."""
     right_angle_cauchy: float = 1.5

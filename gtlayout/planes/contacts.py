@@ -13,15 +13,11 @@ import numpy as np
 
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.edge_group import EdgeGroup
-from gtlayout.planes.evidence import FARTHEST_PX, Evidence
+from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.starts import best_start, polish
 from gtlayout.scene import FloatArray
 
 Pair = tuple[int, int]
-_READMITTED = 0.6
-"""A pair comes back once it fits better than this share of the limit."""
-_ROUNDS = 4
-"""Searches for starting planes at most: without the wrong contacts others may turn out to be right."""
 
 
 def start_without_wrong_contacts(
@@ -35,9 +31,11 @@ def start_without_wrong_contacts(
         planes = best_start(kept, config, seed)
         tried.add(dropped)
         fit = _misfits_px(evidence, planes)
-        dropped = frozenset(pair for pair in dropped if fit.get(pair, np.inf) > _READMITTED * config.max_contact_px)
+        dropped = frozenset(
+            pair for pair in dropped if fit.get(pair, np.inf) > config.readmitted_share * config.max_contact_px
+        )
         dropped |= _disagreeing(_without(evidence, dropped), planes, config)
-        if dropped in tried or len(tried) == _ROUNDS:
+        if dropped in tried or len(tried) == config.contact_searches:
             return kept, planes
 
 
@@ -83,9 +81,7 @@ def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
     """
     found: dict[Pair, list[float]] = {}
     for group in evidence.edges:
-        a, b = group.instances
-        if np.isfinite(planes[[a, b], 0]).all():
-            distance_px = np.abs(group.distances_px(planes[[a]], planes[b])) / group.camera.annotation_scale
-            distance_px = np.minimum(distance_px, FARTHEST_PX)
+        if np.isfinite(planes[list(group.instances), 0]).all():
+            distance_px = group.annotation_px(group.misfits_px(planes))
             found.setdefault(_pair(group), []).append(float(np.sqrt(np.mean(distance_px**2))))
     return {pair: float(np.median(distances)) for pair, distances in found.items()}

@@ -9,6 +9,8 @@ import numpy as np
 from gtlayout.geometry.rays import depth_on_plane
 from gtlayout.scene import Camera, FloatArray
 
+FARTHEST_PX = 100.0
+"""Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
 _MIN_DIHEDRAL = 0.2
 """Planes at less than this angle (radians) make no edge that an annotator would draw."""
 
@@ -49,9 +51,18 @@ class EdgeGroup:
         homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
         return np.where(coplanar[:, None], np.inf, (lines @ homogeneous.T) / length[:, None])
 
-    def ends_off_px(self, plane: FloatArray, neighbour: FloatArray) -> FloatArray:
-        """(2,) the same of the edge's two representatives, for one pair of planes."""
-        return replace(self, points_px=self.representatives_px()).distances_px(plane[None], neighbour)[0]
+    def misfits_px(self, planes: FloatArray) -> FloatArray:
+        """(P,) the same for the edge's own two of (S, 4) ``planes``."""
+        a, b = self.instances
+        return self.distances_px(planes[a][None], planes[b])[0]
+
+    def annotation_px(self, misfits_px: FloatArray) -> FloatArray:
+        """(P,) misfits as of an image of 640x480, up to ``FARTHEST_PX``."""
+        return np.clip(misfits_px / self.camera.annotation_scale, -FARTHEST_PX, FARTHEST_PX)
+
+    def ends(self) -> EdgeGroup:
+        """The same edge as its two representatives."""
+        return replace(self, points_px=self.representatives_px())
 
     def ends_on(self, plane: FloatArray) -> FloatArray:
         """(2, 3) points of the edge's two ends on one of its planes."""

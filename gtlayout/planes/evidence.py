@@ -24,8 +24,6 @@ from gtlayout.tracking.triangulation import TriangulatedTracks
 _VIEW_POINTS = 12
 """Pixels sampled on each element of an instance."""
 _ROUNDING_PX = 1e-6
-FARTHEST_PX = 100.0
-"""Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ class _Search:
             placed = np.isfinite(planes[:, 0])
             joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.instances) for s in range(count)]
             # A contact edge with something already placed is worth a few tracks.
-            instance = max(waiting, key=lambda s: support[s] + 3 * joined[s])
+            instance = max(waiting, key=lambda s: support[s] + self.config.placed_contact_tracks * joined[s])
             waiting.remove(instance)
             planes[instance] = self._choose(instance, tracks[instance], planes)
         for _ in range(self.config.sweeps):
@@ -68,7 +68,7 @@ class _Search:
     def _support(self, index: IntArray) -> float:
         """Tracks counted by how well each knows its depth."""
         relative = self.evidence.sigma_rho[index] / self.evidence.rays.rho[index]
-        return float(np.sum(np.clip(1.0 - 4 * relative, 0.0, 1.0)))
+        return float(np.sum(np.clip(1.0 - relative / self.config.unknown_depth_share, 0.0, 1.0)))
 
     def _choose(self, instance: int, index: IntArray, planes: FloatArray) -> FloatArray:
         """(4,) the cheapest hypothesis for one instance given the other planes; NaN when there is none."""
@@ -147,7 +147,7 @@ class _Search:
             candidates.append(_through_points(a, b, c))
         if len(points) or lines:
             # A ceiling over a floor, a wall along another: the same normal, through anything that is known of it.
-            anchors = np.concatenate([points[:20], *lines])
+            anchors = np.concatenate([points[: self.config.anchors], *lines])
             alike = evidence.level if evidence.level[instance] else evidence.wall & evidence.wall[instance]
             for normal in planes[alike & placed, :3]:
                 candidates.append(np.column_stack([np.tile(normal, (len(anchors), 1)), -anchors @ normal]))

@@ -15,7 +15,7 @@ from gtsam.symbol_shorthand import P
 
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.edge_group import EdgeGroup
-from gtlayout.planes.evidence import FARTHEST_PX, Evidence
+from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.initialization import manhattan_sine
 from gtlayout.planes.structural_factors import opening_factors
 from gtlayout.scene import FloatArray
@@ -82,9 +82,7 @@ def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: Est
 
 
 def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
-    a, b = group.instances
-    off = group.ends_off_px(planes[a], planes[b]) / group.camera.annotation_scale
-    first, second = np.clip(off, -FARTHEST_PX, FARTHEST_PX)
+    first, second = group.annotation_px(group.ends().misfits_px(planes))
     shift, tilt = (first + second) / 2, (first - second) / 2
     squared = (shift / config.sigma_edge_shift_px) ** 2 + (tilt / config.sigma_edge_tilt_px) ** 2
     return float(cauchy_loss(squared, config.edge_cauchy))

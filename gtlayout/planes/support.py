@@ -48,5 +48,4 @@ def supports(
 
 def _distance_px(group: EdgeGroup, planes: FloatArray) -> float:
     """Median distance of a contact edge's points from the line in which its planes meet; infinite when they do not."""
-    a, b = group.instances
-    return float(np.median(np.abs(group.distances_px(planes[a][None], planes[b]))))
+    return float(np.median(np.abs(group.misfits_px(planes))))

@@ -25,7 +25,7 @@ from gtlayout.io.cad_estate.room_structure import read_room_structure
 from gtlayout.io.cameras.lenses import MAX_STRETCH, finite, lens
 from gtlayout.io.cameras.timed_images import TimedImages, find_timed_images
 from gtlayout.io.files import read_json
-from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader, usable
+from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader, named, usable
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
@@ -194,13 +194,9 @@ def _read_mask(path: Path) -> ImageArray:
         raise GtlayoutError(f"{path} {error}") from error
 
 
-def _detect_frames(root: Path) -> list[Path]:
-    return [root / FRAMES_FILE] if (root / FRAMES_FILE).exists() else []
-
-
 def _detect_masks(root: Path) -> list[Path]:
     return [root / MASKS_FOLDER] if (root / MASKS_FOLDER).is_dir() else []
 
 
-CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, _detect_frames, read_frames)
+CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames)
 ANNOTATION_READER = Reader("CAD-Estate", MASKS_FOLDER, _detect_masks, read_masks)

@@ -20,7 +20,7 @@ from gtlayout.io.cameras.lenses import finite, lens
 from gtlayout.io.cameras.poses import OPENGL_FROM_OPENCV, cam_from_world_opengl
 from gtlayout.io.files import path_inside, read_json, write_json_atomic
 from gtlayout.io.pixels.images import size_of_first
-from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, named, usable
 from gtlayout.scene import FloatArray, Frame
 
 FILE_NAME = "transforms.json"
@@ -176,8 +176,4 @@ def _intrinsics_of(frame: Frame) -> dict[str, float]:
     return {**{key: float(value) for key, value in focal_and_center.items()}, "w": camera.width, "h": camera.height}
 
 
-def _detect(root: Path) -> list[Path]:
-    return [root / FILE_NAME] if (root / FILE_NAME).exists() else []
-
-
-READER = Reader("nerfstudio", FILE_NAME, _detect, read_transforms)
+READER = Reader("nerfstudio", FILE_NAME, named(FILE_NAME), read_transforms)
