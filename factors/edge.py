@@ -11,6 +11,8 @@ from gtlayout.factors.batching import FloatArray, custom_factor, plane_parts
 
 _COPLANAR = 0.01
 """Planes that differ by less than this angle (radians) all over the view have no line in which they meet."""
+_FARTHEST_PX = 1e9
+"""A line farther away than this lies beside the camera: it is nowhere in the image."""
 
 
 def edge_factor(
@@ -45,7 +47,8 @@ def edge_factor(
         through = D_a * n_b - D_b * n_a
         line = to_line @ through
         length = float(np.hypot(line[0], line[1]))
-        if np.linalg.norm(through) <= _COPLANAR * max(abs(D_a), abs(D_b)) or length == 0.0:
+        nowhere = _FARTHEST_PX * length <= abs(line[2])
+        if np.linalg.norm(through) <= _COPLANAR * max(abs(D_a), abs(D_b)) or nowhere:
             return np.zeros(2), [np.zeros((2, 3))] * 2 if want_jacobians else []
         r = u @ line / length
         if not want_jacobians:
