@@ -45,6 +45,9 @@ def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() ->
     np.testing.assert_allclose(error(0, 0), 0, atol=1e-9)
     np.testing.assert_allclose(np.abs(error(3, 0)), [3, 0], atol=1e-9)
     np.testing.assert_allclose(np.abs(error(0, 2)), [0, 2], atol=1e-9)
+    # Which side of a line is positive is nobody's choice, but both have the same.
+    assert np.prod(error(3, 2)) == pytest.approx(6)
+    assert np.prod(error(3, -2)) == pytest.approx(-6)
 
 
 def test_edge_of_coincident_planes_says_nothing() -> None:

@@ -13,6 +13,7 @@ from shapely import MultiPolygon
 from gtlayout.instances import Extent, Instance, Plane, Support
 from gtlayout.quality.assess import Quality, assess
 from gtlayout.quality.config import QualityConfig
+from gtlayout.quality.depth import drawn_pixels
 from gtlayout.quality.measures import InstanceQuality
 from gtlayout.scene import Scene
 
@@ -236,3 +237,24 @@ def test_causes_are_given_for_what_is_uncertain_only() -> None:
     assert judged(surface.plane).causes == ()
     badly_drawn = judged(surface.plane, rooms.redraw(scene, 0, 0, rooms.pixels(20, 10, 50, 70)))
     assert (badly_drawn.verdict, badly_drawn.causes) == ("weak", ())
+
+
+def test_what_covers_no_pixel_and_is_not_rendered_scores_nothing() -> None:
+    """An element smaller than a pixel, of an instance behind the camera: nothing to agree about is no agreement."""
+    behind = rooms.Surface("wall", rooms.facing(20, 10, 80, 70).corners * [1, -1, 1])
+    surfaces = (rooms.facing(20, 10, 80, 70), behind)
+    crumb = rooms.pixels(90.1, 70.1, 90.4, 70.4)
+    scene = rooms.make_scene([CAMERA], [[("wall", rooms.pixels(20, 10, 80, 70)), ("wall", crumb)]])
+    assert [element.iou for element in _assess(scene, surfaces).elements] == [1.0, 0.0]
+
+
+def test_drawn_pixels_are_looked_at_in_their_centres() -> None:
+    """A wall seen squarely: the ray through the centre of pixel (x, y) reaches it √(100 + u² + v²) metres away."""
+    surface = rooms.facing(0, 0, 100, 80)
+    scene = rooms.seen_from([CAMERA], [surface])
+    known = _known_to(surface, 0.2)
+    found = drawn_pixels(scene, rooms.instances_of([surface], 1), [known])
+    y, x = np.mgrid[0:80:4, 0:100:4].reshape(2, -1) + 0.5
+    expected = np.sqrt(100 + ((x - 50) / 10) ** 2 + ((y - 40) / 10) ** 2)
+    np.testing.assert_allclose(np.sort(found.distance), np.sort(expected))
+    np.testing.assert_allclose(found.sigma_share, 0.02)

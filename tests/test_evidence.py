@@ -1,0 +1,58 @@
+"""What stage 4 starts from: how much tracks weigh, and which of them take part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.evidence import Evidence, followed, gather
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from simulated.simulated_room import Room, make_room, orbit
+from simulated.simulation import make_tracks, measurements
+
+
+@pytest.fixture(scope="module")
+def room() -> Room:
+    return make_room(orbit(), [3, 10, 17])
+
+
+@pytest.fixture(scope="module")
+def tracks(room: Room) -> Tracks:
+    return make_tracks(room, np.random.default_rng(0))
+
+
+def evidence_of(room: Room, tracks: Tracks, config: EstimationConfig) -> Evidence:
+    measured = measurements(room, tracks)
+    return gather(measured, Normalisation.of(measured.rays), config)
+
+
+def test_a_track_weighs_by_the_observations_that_the_graph_takes(room: Room, tracks: Tracks) -> None:
+    observations = np.bincount(tracks.track)
+    assert observations.min() < 6 < observations.max()
+    config = replace(EstimationConfig(), full_acceptance=1e-9, full_tracks=1e-9)
+    weight = evidence_of(room, tracks, config).track_weight
+    np.testing.assert_allclose(weight, np.minimum(1.0, 3.0 / np.minimum(observations, 6)))
+
+
+def test_an_instance_is_trusted_by_the_share_of_its_points_that_could_be_followed(room: Room, tracks: Tracks) -> None:
+    few = replace(tracks, tried=tuple(10 * tried for tried in tracks.tried))
+    config = replace(EstimationConfig(), independent_observations=1e9, full_tracks=1e-9)
+    evidence = evidence_of(room, few, config)
+    for i, instance in enumerate(room.instances):
+        kept, tried = followed(room.scene, few, instance)
+        own = evidence.track_weight[evidence.track_instance == i]
+        np.testing.assert_allclose(own, min(kept / tried / config.full_acceptance, 1.0))
+        assert own.max() < 1.0
+
+
+def test_more_tracks_than_the_graph_takes_are_thinned_out_evenly(room: Room, tracks: Tracks) -> None:
+    most = 20
+    evidence = evidence_of(room, tracks, replace(EstimationConfig(), max_tracks=most))
+    for i in range(len(room.instances)):
+        own = np.nonzero(evidence.track_instance == i)[0]
+        assert len(own) == most
+        assert set(tracks.key_frame[own]) == {0, 1, 2}
