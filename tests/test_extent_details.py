@@ -104,17 +104,21 @@ def test_what_pokes_through_goes_to_its_end() -> None:
     assert_same(in_world(far, (0, 2)), box(0, 0, 4, 2.5))
 
 
-def test_of_a_piece_mostly_beside_the_contact_only_what_is_alongside_goes() -> None:
-    """The contact is seen over .3 m of the 2.5 m along which the wall pokes through: an alcove, not a slip."""
-    beyond_m = 0.3
-    corners = rooms.rectangle([-beyond_m, rooms.DEPTH_M, 0], [rooms.WIDTH_M + beyond_m, 0, 0], rooms.Z)
+@pytest.mark.parametrize(
+    ("seen", "left"),
+    [((1.0, 1.3), box(-0.3, 0, 4, 2.5).difference(box(-0.3, 1.0, 0, 1.3))), ((0.4, 2.2), box(0, 0, 4, 2.5))],
+    ids=["an alcove", "a slip"],
+)
+def test_a_piece_goes_whole_when_most_of_it_is_alongside(seen: tuple[float, float], left: Polygon) -> None:
+    """The wall pokes through over 2.5 m, and the contact is seen over less: over .3 m only these go."""
     wide = rooms.level_camera(MIDDLE, 40.0)
+    corners = rooms.rectangle([-0.3, rooms.DEPTH_M, 0], [rooms.WIDTH_M + 0.3, 0, 0], rooms.Z)
     scene = rooms.redraw(rooms.seen_from([wide], SEEN), 0, FAR, rooms.draw(corners, wide))
-    foot = np.column_stack([np.full(20, -beyond_m), np.full(20, rooms.DEPTH_M), np.linspace(1.0, 1.3, 20)])
+    foot = np.column_stack([np.full(20, -0.3), np.full(20, rooms.DEPTH_M), np.linspace(*seen, 20)])
     edge = ContactEdge(0, (LEFT, FAR), wide.project(foot)[0])
     planes = [surface.plane for surface in SEEN]
     far = compute_extents(scene, rooms.instances_of(SEEN, 1), planes, [edge], ExtentConfig())[FAR]
-    assert_same(in_world(far, (0, 2)), box(-beyond_m, 0, 4, 2.5).difference(box(-beyond_m, 1.0, 0, 1.3)))
+    assert_same(in_world(far, (0, 2)), left)
 
 
 def test_the_side_of_a_contact_is_that_of_what_was_drawn_there() -> None:
