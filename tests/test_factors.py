@@ -56,6 +56,7 @@ def test_edge_of_coincident_planes_says_nothing() -> None:
         values.insert(key, gtsam.OrientedPlane3(np.array([0, 0, -1.0, 3])))
     factor = edge_factor((P(0), P(1)), np.array([[10.0, 20], [30, 40]]), CAMERA, gtsam.noiseModel.Unit.Create(2))
     jacobian, error = factor.linearize(values).jacobian()
+    assert jacobian.shape == (2, 6)
     assert not jacobian.any()
     assert not error.any()
 

@@ -258,3 +258,11 @@ def test_drawn_pixels_are_looked_at_in_their_centres() -> None:
     expected = np.sqrt(100 + ((x - 50) / 10) ** 2 + ((y - 40) / 10) ** 2)
     np.testing.assert_allclose(np.sort(found.distance), np.sort(expected))
     np.testing.assert_allclose(found.sigma_share, 0.02)
+
+
+def test_where_nothing_is_drawn_nothing_is_known() -> None:
+    surface = rooms.facing(20, 10, 80, 70)
+    scene = rooms.make_scene([CAMERA], [[("wall", rooms.pixels(90.1, 70.1, 90.4, 70.4))]])
+    quality = _assess(scene, [surface], [_known_to(surface, 0.01)])
+    assert (quality.sigma_depth_share, quality.known_share, quality.instances[0].drawn_share) == (1.0, 0.0, 0.0)
+    assert quality.predicted == "doubtful"
