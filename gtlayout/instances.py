@@ -45,7 +45,7 @@ class Support:
     """Contact edges with other placed planes, counted in each key frame."""
     edge_px: float = np.nan
     """Median distance of its contact edges, as drawn, from the lines in which the planes meet; NaN without edges."""
-    held_by: EvidenceKind = ""
+    dominant_evidence: EvidenceKind = ""
     """The strongest kind of evidence that the plane rests on; empty when it is not known."""
 
 

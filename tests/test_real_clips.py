@@ -66,7 +66,7 @@ def test_no_wrong_plane_looks_certain(solved: tuple[Path, dict[str, Any]]) -> No
     """No more than one true plane lies outside 3 σ of the depth; the truth itself is good to 2-3 cm."""
     out, found = solved
     layout = json.loads((out / "layout.json").read_text())
-    sigma = {element["name"]: element["plane"]["sigma_depth"] for element in layout["elements"]}
+    sigma = {instance["name"]: instance["plane"]["sigma_depth"] for instance in layout["instances"]}
     assert len(found["planes"]) >= 4
     assert sum(plane["offset"] > 3 * sigma[plane["instance"]] for plane in found["planes"]) <= 1
 

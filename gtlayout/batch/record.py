@@ -10,7 +10,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text, read_json, write_atomic
 from gtlayout.quality.headline import Word
 
-FORMAT = "gtlayout-record/1"
+FORMAT = "gtlayout-record/2"
 SCENES = "scenes"
 """Folder of a run that holds a folder of results for each scene, called like the scene."""
 RECORD_FILE, SOLVE_LOG_FILE, THUMBNAIL_FILE = "record.json", "log.txt", "thumbnail.jpg"
@@ -44,7 +44,7 @@ class Record:
     status: Status
     failure: Failure | None = None
     reason: str = ""
-    """Why it failed or is not to be trusted, and which elements are not ok; empty when all is well."""
+    """Why it failed or is not to be trusted, and which instances are not ok; empty when all is well."""
     headline: Word | None = None
     """What to do with it: use it as it is, look at it first, redraw or film it again; None for failed scenes."""
     headline_reason: str = ""
@@ -64,7 +64,7 @@ class Record:
     """Whether the world unit is the metre."""
     frames: int | None = None
     key_frames: int | None = None
-    elements: int | None = None
+    instances: int | None = None
     weak: int | None = None
     unobservable: int | None = None
     worst_frame: str | None = None

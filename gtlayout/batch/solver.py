@@ -160,7 +160,7 @@ def _figures(solution: Solution) -> dict[str, Any]:
         "metric": layout.metric,
         "frames": len(scene.frames),
         "key_frames": len(scene.key_frames),
-        "elements": len(verdicts),
+        "instances": len(verdicts),
         "weak": verdicts.count("weak"),
         "unobservable": verdicts.count("unobservable"),
         "worst_frame": scene.frame_of(quality.worst_frame).name,

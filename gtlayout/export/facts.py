@@ -34,7 +34,7 @@ def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
         "name": instance.name,
         "label": instance.label,
         "note": plane.note,
-        "held_by": plane.support.held_by,
+        "dominant_evidence": plane.support.dominant_evidence,
         "normal_world": _row(plane.normal),
         "d_world": repr(float(plane.d)),
         "covariance_world": "; ".join(_row(row) for row in plane.covariance_world),

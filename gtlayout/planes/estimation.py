@@ -57,7 +57,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
         warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
     world, jacobian = local.planes_to_world(solution.planes)
     covariance = covariance_by(uncertainty.covariance, jacobian)
-    held = supports(measured, evidence, solution, uncertainty.held_by)
+    held = supports(measured, evidence, solution, uncertainty.dominant_evidence)
     planes = []
     for s, note in enumerate(_notes(solution.planes, uncertainty.covariance, evidence.views, config)):
         own = slice(4 * s, 4 * s + 4)

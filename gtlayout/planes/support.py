@@ -19,7 +19,7 @@ OUTVOTED = 0.1
 
 
 def supports(
-    measured: Measurements, evidence: Evidence, solution: Optimum, held_by: Sequence[EvidenceKind]
+    measured: Measurements, evidence: Evidence, solution: Optimum, dominant_evidence: Sequence[EvidenceKind]
 ) -> tuple[Support, ...]:
     """What places each instance's plane. ``evidence`` and ``solution`` are local."""
     scene, tracks = measured.scene, measured.tracks
@@ -40,7 +40,7 @@ def supports(
                 outvoted=float(np.mean(given_up[own])) if own.any() and placed[s] else np.nan,
                 contact_edges=len(gaps),
                 edge_px=float(np.median(gaps)) if gaps else np.nan,
-                held_by=held_by[s],
+                dominant_evidence=dominant_evidence[s],
             )
         )
     return tuple(found)

@@ -31,7 +31,7 @@ class Uncertainty:
 
     covariance: FloatArray
     """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
-    held_by: tuple[EvidenceKind, ...]
+    dominant_evidence: tuple[EvidenceKind, ...]
     """What each plane rests on; empty for those without a plane."""
 
 

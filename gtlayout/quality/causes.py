@@ -17,10 +17,10 @@ def causes(instance: Instance, plane: Plane, config: QualityConfig) -> tuple[str
     """
     support = plane.support
     found = []
-    if support.held_by == "priors":
+    if support.dominant_evidence == "priors":
         found.append("nothing but weak priors holds it")
-    elif support.held_by in _WEAKER:
-        found.append(f"{'mostly' if support.tracks else 'only'} {support.held_by} hold it")
+    elif support.dominant_evidence in _WEAKER:
+        found.append(f"{'mostly' if support.tracks else 'only'} {support.dominant_evidence} hold it")
     if support.contact_edges and (
         support.outvoted > config.disagreeing_share or support.edge_px > config.disagreeing_edge_px
     ):

@@ -5,7 +5,7 @@ const middle = room.low.map((low, axis) => (low + room.high[axis]) / 2);
 const sides = room.low.map((low, axis) => Math.max(room.high[axis] - low, 1e-9));
 const longest = Math.max(...sides);
 const unit = room.metric ? "m" : "u";
-let mode = "element";
+let mode = "instance";
 let eye = room.eye;
 
 const checked = (id) => document.getElementById(id).checked;
@@ -103,7 +103,7 @@ for (const button of document.querySelectorAll("button[data-mode]")) {
     for (const other of document.querySelectorAll("button[data-mode]")) {
       other.setAttribute("aria-pressed", String(other === button));
     }
-    document.getElementById("element-legend").hidden = mode !== "element";
+    document.getElementById("instance-legend").hidden = mode !== "instance";
     document.getElementById("sigma-legend").hidden = mode !== "sigma";
     draw();
   });

@@ -22,7 +22,7 @@ from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
-from gtlayout.results.layout_format import FORMAT, ElementRow, LayoutFile
+from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
 from gtlayout.results.names import LOG_FILE, REPORT_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text
@@ -89,9 +89,9 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
     if data.get("format") != FORMAT:
         raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
     try:
-        names = [row["name"] for row in data["elements"]]
+        names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
-        parts = [_read_element(row, names, _drawings(scene), metric, path) for row in data["elements"]]
+        parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
         dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
         mesh = _read_mesh(data["mesh"], names)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -101,10 +101,10 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
 
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> LayoutFile:
-    elements: list[ElementRow] = []
+    rows: list[InstanceRow] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
     for instance, plane, extent, judged in parts:
-        elements.append(
+        rows.append(
             {
                 "name": instance.name,
                 "label": instance.label,
@@ -151,7 +151,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "accepted": quality.accepted,
         "predicted": quality.predicted,
         "sigma_depth_share": quality.sigma_depth_share,
-        "elements": elements,
+        "instances": rows,
         "dimensions": [
             {
                 "kind": dimension.kind,
@@ -166,12 +166,12 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
             "vertices": layout.triangles.vertices,
             "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
             "faces": layout.triangles.faces,
-            "face_element": [layout.instances[i].name for i in layout.triangles.face_instance],
+            "face_instance": [layout.instances[i].name for i in layout.triangles.face_instance],
         },
     }
 
 
-def _drawings(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
+def _elements(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
     """(image, element id) → (key frame index, element index)."""
     return {
         (scene.frame_of(k).name, element.id): (k, e)
@@ -180,16 +180,16 @@ def _drawings(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
     }
 
 
-def _read_element(
-    row: dict[str, Any], names: list[str], drawings: dict[tuple[str, str], tuple[int, int]], metric: bool, path: Path
+def _read_instance(
+    row: dict[str, Any], names: list[str], elements: dict[tuple[str, str], tuple[int, int]], metric: bool, path: Path
 ) -> tuple[Instance, Plane, Extent]:
     drawn = [(member["image"], member["element"]) for member in row["members"]]
     for image, element in drawn:
-        if (image, element) not in drawings:
+        if (image, element) not in elements:
             raise GtlayoutError(
                 f"{path} was made from other annotations: {image} has no element {element}; solve the scene again"
             )
-    members = tuple(sorted(drawings[each] for each in drawn))
+    members = tuple(sorted(elements[each] for each in drawn))
     instance = Instance(row["name"], row["label"], members, None if row["host"] is None else names.index(row["host"]))
     plane = row["plane"]
     if row["label"] not in LABELS:
@@ -217,8 +217,8 @@ def _read_element(
 
 
 def _read_support(row: dict[str, Any]) -> Support:
-    if row["held_by"] not in get_args(EvidenceKind):
-        raise ValueError(f"unknown support {row['held_by']!r}")
+    if row["dominant_evidence"] not in get_args(EvidenceKind):
+        raise ValueError(f"unknown support {row['dominant_evidence']!r}")
     return Support(
         tracks=int(row["tracks"]),
         survived=float(_numbers(row["survived"])),
@@ -226,7 +226,7 @@ def _read_support(row: dict[str, Any]) -> Support:
         outvoted=float(_numbers(row["outvoted"])),
         contact_edges=int(row["contact_edges"]),
         edge_px=float(_numbers(row["edge_px"])),
-        held_by=row["held_by"],
+        dominant_evidence=row["dominant_evidence"],
     )
 
 
@@ -240,7 +240,7 @@ def _read_dimension(row: dict[str, Any], names: list[str]) -> Dimension:
 
 def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
     faces = np.array(data["faces"], dtype=np.int64).reshape(-1, 3)
-    owners = np.array([names.index(name) for name in data["face_element"]], dtype=np.int64)
+    owners = np.array([names.index(name) for name in data["face_instance"]], dtype=np.int64)
     vertices = _numbers(data["vertices"]).reshape(-1, 3)
     if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
         raise ValueError("the mesh's faces do not fit its vertices or elements")

@@ -15,8 +15,8 @@ from gtlayout.quality.headline import Word
 from gtlayout.quality.measures import Prediction, Verdict
 from gtlayout.scene import FloatArray, IntArray, Label
 
-Format = Literal["gtlayout-layout/3"]
-FORMAT: Format = "gtlayout-layout/3"
+Format = Literal["gtlayout-layout/4"]
+FORMAT: Format = "gtlayout-layout/4"
 
 _NUMBER_OR_NULL = {"type": ["number", "null"]}
 NumberOrNull = Annotated[float, OrNull()]
@@ -24,7 +24,7 @@ Points = Annotated[FloatArray, Shape((None, 3))]
 
 
 class Member(TypedDict):
-    """One drawing of an element."""
+    """One element, drawn in a key frame, that shows the instance."""
 
     image: str
     """File name of the key frame's image."""
@@ -52,11 +52,11 @@ class PlaneRow(TypedDict):
     sigma_normal_deg: NumberOrNull
     """σ of the normal's direction, degrees: the larger of its two principal axes."""
     sigma_depth: NumberOrNull
-    """σ of the depth at the centroid of the element's largest drawing, world unit."""
+    """σ of the depth at the centroid of the largest element, world unit."""
 
 
 class ExtentRow(TypedDict):
-    """The finite part of the plane that the element covers."""
+    """The finite part of the plane that the instance covers."""
 
     area: float
     """Square world units."""
@@ -67,21 +67,21 @@ class ExtentRow(TypedDict):
     polygons: list[list[Points]]
     """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one."""
     unrefined: list[list[Points]]
-    """The same before refinement: the plain union of the unprojected drawings."""
+    """The same before refinement: the consensus of the unprojected elements."""
     unknown_area: float
     """What was drawn beyond where the depth is known and was left out, square world units."""
 
 
-class ElementRow(TypedDict):
+class InstanceRow(TypedDict):
     """One wall, floor, ceiling, slanted surface, door or window."""
 
     name: str
     """Label and a running number, unique in the file."""
     label: Label
     host: str | None
-    """For doors and windows: name of the element whose plane they lie in; null when they have none."""
+    """For doors and windows: name of the instance whose plane they lie in; null when they have none."""
     members: list[Member]
-    """The drawings that show it, at most one a key frame."""
+    """The elements that show it, at most one a key frame."""
     plane: PlaneRow
     extent: ExtentRow
     iou: NumberOrNull
@@ -99,7 +99,7 @@ class DimensionRow(TypedDict):
     kind: Literal["height", "width"]
     """Floor to ceiling, or wall to wall."""
     between: Annotated[list[str], Shape((2,), {"type": "string"})]
-    """Names of both elements; of a height the floor first."""
+    """Names of both instances; of a height the floor first."""
     length: float
     """World unit."""
     sigma: NumberOrNull
@@ -109,16 +109,16 @@ class DimensionRow(TypedDict):
 
 
 class MeshRow(TypedDict):
-    """Triangles that share their vertices where elements touch."""
+    """Triangles that share their vertices where instances touch."""
 
     vertices: Points
     """World."""
     vertex_sigma: Annotated[FloatArray, Shape((None,), _NUMBER_OR_NULL)]
-    """σ along the normal at each vertex, the largest of the elements that share it, world unit."""
+    """σ along the normal at each vertex, the largest of the instances that share it, world unit."""
     faces: Annotated[IntArray, Shape((None, 3), {"type": "integer", "minimum": 0})]
     """Indices of vertices, counter-clockwise seen from the cameras."""
-    face_element: list[str]
-    """Name of the element that each face belongs to."""
+    face_instance: list[str]
+    """Name of the instance that each face belongs to."""
 
 
 class HeadlineRow(TypedDict):
@@ -151,7 +151,7 @@ class LayoutFile(TypedDict):
     """What the covariances say of the depth."""
     sigma_depth_share: float
     """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
-    elements: list[ElementRow]
+    instances: list[InstanceRow]
     dimensions: list[DimensionRow]
     """Heights and widths of the room."""
     mesh: MeshRow

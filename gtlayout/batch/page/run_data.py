@@ -91,7 +91,7 @@ def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
         "depth_error": _short(record.depth_error_median),
         "unit": "m" if record.metric else "u",
         "weak": None if weak is None else weak + (unobservable or 0),
-        "elements": number(record.elements),
+        "instances": number(record.instances),
         "redraw": printable(record.worst_element or ""),
         "redraw_iou": _short(record.worst_element_iou),
         "reason": reason(record),
