@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -24,8 +25,18 @@ RENAMED: dict[str, dict[str, str]] = {
     "layout.json": {"elements": "instances", "face_element": "face_instance", "held_by": "dominant_evidence"},
 }
 """Keys that have other names since the results to compare with were made: file → earlier → now."""
-REWORDED: dict[str, str] = {"gtlayout-layout/3": "gtlayout-layout/4"}
-"""Parts of texts in JSON files that have other words since then: earlier → now."""
+REWORDED: dict[str, str] = {
+    "gtlayout-layout/3": "gtlayout-layout/4",
+    "largest of the elements that share": "largest of the instances that share",
+    r"(\d+ of \d+) elements, ": r"\1 instances, ",
+    "all elements are ok": "all instances are ok",
+    "no element is ok": "no instance is ok",
+    "look at drawings and camera of": "look at the elements and the camera of",
+    "drawings were scaled": "their shapes were scaled",
+    "a polyline is no surface": "a polyline encloses no area",
+    "nothing of it is left before surfaces with a higher z-order": "elements with a higher z-order cover all of it",
+}
+"""Parts of texts in JSON files that have other words since then: regular expression → what replaces it."""
 
 app = new_app("same_results", __doc__)
 
@@ -99,7 +110,7 @@ def _in_words_of_today(value: Any, renamed: Mapping[str, str]) -> Any:
         return [_in_words_of_today(inner, renamed) for inner in value]
     if isinstance(value, str):
         for earlier, now in REWORDED.items():
-            value = value.replace(earlier, now)
+            value = re.sub(earlier, now, value)
     return value
 
 

@@ -28,9 +28,9 @@ from gtlayout.report import page, report_data
 from gtlayout.results.tables import (
     camera_line,
     dimensions,
-    element_table,
     evaluation_table,
     headline_text,
+    instance_table,
     markdown,
     measures,
     reasons,
@@ -120,7 +120,7 @@ def _assert_never_said(texts: Iterable[str]) -> None:
 
 def test_tables_and_lines_say_what_is_not_known_in_words(unknown: tuple[Scene, Layout, Quality]) -> None:
     scene, layout, quality = unknown
-    table = _printed(element_table(layout, quality))
+    table = _printed(instance_table(layout, quality))
     refined = CameraReport("", np.nan, np.inf, np.nan, np.nan)
     _assert_never_said(
         [

@@ -25,7 +25,7 @@ from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality.assess import Quality, assess
 from gtlayout.results.layout_files import read_layout, write_results
-from gtlayout.results.tables import dimensions, element_table, headline_text, markdown, measures, reasons
+from gtlayout.results.tables import dimensions, headline_text, instance_table, markdown, measures, reasons
 from gtlayout.scene import Scene
 
 DOOR = rooms.Surface("door", rooms.rectangle([1.5, 5.0, 0], [1.0, 0, 0], [0, 0, 2.0]), host=4)
@@ -310,7 +310,7 @@ def test_folder_that_takes_no_files_is_one_clear_line(tmp_path: Path, solved: tu
 
 def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> None:
     scene, layout, quality = solved
-    table = element_table(layout, quality)
+    table = instance_table(layout, quality)
     assert table.row_count == len(SURFACES)
     headline = quality.headline
     assert headline.word == "redo", "without the ceiling the IoU is too low"

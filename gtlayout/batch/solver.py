@@ -36,7 +36,7 @@ from gtlayout.method import solve
 from gtlayout.report import PLOTLY_FILE, solved_page, thumbnail
 from gtlayout.report.plain import finite
 from gtlayout.results.names import REPORT_FILE
-from gtlayout.results.tables import headline_text, measures, reasons, worst_drawing
+from gtlayout.results.tables import headline_text, measures, reasons, worst_element_name
 from gtlayout.solution import Solution
 
 IDLE_S = 300.0
@@ -133,7 +133,7 @@ def _unchanged(inputs: Inputs | None, job: Job) -> bool:
 def _figures(solution: Solution) -> dict[str, Any]:
     """What the record says of a solved scene; also printed, for the log."""
     scene, layout, quality = solution.scene, solution.layout, solution.quality
-    drawing, worst = worst_drawing(scene, layout, quality), quality.elements[quality.worst_element]
+    worst_name, worst = worst_element_name(scene, layout, quality), quality.elements[quality.worst_element]
     why = quality.headline.reasons
     reasons_given = [*(why if quality.headline.word != "trust" else ()), *reasons(layout, quality)]
     try:
@@ -165,7 +165,7 @@ def _figures(solution: Solution) -> dict[str, Any]:
         "unobservable": verdicts.count("unobservable"),
         "worst_frame": scene.frame_of(quality.worst_frame).name,
         "worst_frame_iou": finite(quality.frames[quality.worst_frame]),
-        "worst_element": drawing,
+        "worst_element": worst_name,
         "worst_element_iou": worst.iou,
         "warnings": len(scene.warnings),
         "stages_s": dict(solution.timings_s),

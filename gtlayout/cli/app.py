@@ -71,7 +71,7 @@ def solve(
     from gtlayout.api import load, save
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
-    from gtlayout.results.tables import camera_line, dimensions, element_table, headline_text, measures, reasons
+    from gtlayout.results.tables import camera_line, dimensions, headline_text, instance_table, measures, reasons
 
     config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load(scene_dir)
@@ -81,7 +81,7 @@ def solve(
 
     console = stdout()
     console.print(headline_text(solution.quality.headline))
-    console.print(element_table(solution.layout, solution.quality))
+    console.print(instance_table(solution.layout, solution.quality))
     for reason in reasons(solution.layout, solution.quality):
         console.print(reason, style="yellow")
     for dimension in dimensions(solution.layout):
@@ -185,7 +185,7 @@ def view(
 def report(
     scene_dir: SceneDir, /, *, layout: Path | None = None, against: Path | None = None, out: Path | None = None
 ) -> None:
-    """Write a page about a solved layout: verdict, elements, 3D view, annotated frames, timings, configuration.
+    """Write a page about a solved layout: verdict, instances, 3D view, annotated frames, timings, configuration.
 
     It is one HTML file that needs no network and reads well on a phone. Of a run of `batch`, it is a page about all
     scenes, the worst first, with links to theirs.

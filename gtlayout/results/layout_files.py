@@ -79,10 +79,10 @@ def package_versions() -> dict[str, str]:
 def read_layout(out_dir: Path, scene: Scene) -> Layout:
     """Read a layout of ``scene`` back from its layout.json.
 
-    Drawings are found by the names of image and element, so annotations may have been reordered since.
+    Elements are found by the names of their image and by their ids, so annotations may have been reordered since.
 
     Raises:
-        GtlayoutError: the file is absent, not a layout, or names drawings that the scene does not have.
+        GtlayoutError: the file is absent, not a layout, or names elements that the scene does not have.
     """
     path = out_dir / "layout.json"
     data = read_json(path)
@@ -145,8 +145,8 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); "
-        "world frame of the input cameras; vertex_sigma along the normal, the largest of the elements that share the "
-        "vertex",
+        "world frame of the input cameras; vertex_sigma along the normal, the largest of the instances that share "
+        "the vertex",
         "headline": {"word": quality.headline.word, "reasons": quality.headline.reasons},
         "accepted": quality.accepted,
         "predicted": quality.predicted,
@@ -243,7 +243,7 @@ def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
     owners = np.array([names.index(name) for name in data["face_instance"]], dtype=np.int64)
     vertices = _numbers(data["vertices"]).reshape(-1, 3)
     if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
-        raise ValueError("the mesh's faces do not fit its vertices or elements")
+        raise ValueError("the mesh's faces do not fit its vertices or instances")
     return Mesh(vertices, faces, owners)
 
 

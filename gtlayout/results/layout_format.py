@@ -94,7 +94,7 @@ class InstanceRow(TypedDict):
 
 
 class DimensionRow(TypedDict):
-    """The distance of two surfaces that face each other."""
+    """The distance of two instances that face each other."""
 
     kind: Literal["height", "width"]
     """Floor to ceiling, or wall to wall."""
@@ -125,9 +125,9 @@ class HeadlineRow(TypedDict):
     """The verdict in a word."""
 
     word: Word
-    """Use it as it is; look at what is named first; not usable without new drawings or cameras."""
+    """Use it as it is; look at what is named first; not usable without new elements or cameras."""
     reasons: Sequence[str]
-    """Sentences that name frame or element and number, the most important first."""
+    """Sentences that name a frame, an element or an instance, and a number; the most important first."""
 
 
 class LayoutFile(TypedDict):

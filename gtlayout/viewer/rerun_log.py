@@ -209,7 +209,7 @@ class RerunObserver(Observer):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
 
     def quality(self, layout: Layout, quality: Quality) -> None:
-        """Rendering against annotation, surfaces coloured by their uncertainty, the table of elements."""
+        """Rendering against annotation, instances coloured by their uncertainty, the table of instances."""
         for number, key_frame in enumerate(self._scene.key_frames):
             self._recording.set_time("frame", sequence=key_frame.frame)
             camera = self._scene.frame_of(number).camera
@@ -233,7 +233,7 @@ class RerunObserver(Observer):
         styles = {"iou": ((60, 60, 60), "mean")}
         for index, instance in enumerate(layout.instances):
             r, g, b = instance_colors(index).tolist()
-            styles[f"elements/{instance.name}"] = ((r, g, b), instance.name)
+            styles[f"instances/{instance.name}"] = ((r, g, b), instance.name)
         for name, (color, legend) in styles.items():
             line = rr.SeriesLines(colors=color, names=legend)
             dots = rr.SeriesPoints(colors=color, names=legend, marker_sizes=3.0)
@@ -244,7 +244,7 @@ class RerunObserver(Observer):
             for element in quality.elements:
                 if element.key_frame == number:
                     name = layout.instances[element.instance].name
-                    record.log(f"quality/elements/{name}", rr.Scalars(element.iou))
+                    record.log(f"quality/instances/{name}", rr.Scalars(element.iou))
 
 
 def _centers(scene: Scene) -> FloatArray:

@@ -61,7 +61,7 @@ def assemble(drawn: Sequence[DrawnElement], visible: Sequence[DrawnVisible]) -> 
     for element, name, parts in zip(whole, names, seen, strict=True):
         amodal = _not_behind(element, whole)
         if amodal.is_empty:
-            notes.append(f"element {name}: nothing of it is left before surfaces with a higher z-order, dropped")
+            notes.append(f"element {name}: elements with a higher z-order cover all of it, dropped")
             continue
         elements.append(Element(name, element.label, amodal, _union(parts)))
     return tuple(elements), notes
