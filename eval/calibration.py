@@ -23,7 +23,7 @@ from common.plots import reliability, sigma_against_error
 from common.runner import SceneRows, errors_of, run_scenes, scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation.element_scores import centroid_world, match_instances, plane_error
+from gtlayout.evaluation.instance_scores import centroid_world, match_instances, plane_error
 from gtlayout.geometry.depth import centroid_of_largest
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points

@@ -15,8 +15,8 @@ import rooms
 from rich.console import Console
 
 from gtlayout.config import Config
-from gtlayout.evaluation.element_scores import PlaneError
 from gtlayout.evaluation.evaluate import DepthError, Evaluation, evaluate
+from gtlayout.evaluation.instance_scores import PlaneError
 from gtlayout.export import export_layout
 from gtlayout.export.facts import facts, scene_facts
 from gtlayout.figures import figure, is_known, percent, short, sigma_figure, with_sigma

@@ -13,8 +13,8 @@ from jsonschema import validate
 
 from gtlayout.api import load_solved
 from gtlayout.cli.app import main
-from gtlayout.evaluation.element_scores import match_instances, plane_error
 from gtlayout.evaluation.evaluate import evaluate
+from gtlayout.evaluation.instance_scores import match_instances, plane_error
 from gtlayout.geometry.depth import median_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.results.layout_format import layout_schema

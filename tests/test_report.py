@@ -99,7 +99,7 @@ def test_room_is_shown_upright_with_its_sigma(solution: Solution) -> None:
     np.testing.assert_allclose(turn @ by_name["floor_0"].normal, [0, 0, 1], atol=1e-12)
     room = said(solution)["room"]
     assert isinstance(room, dict)
-    for surface in room["surfaces"]:
+    for surface in room["instances"]:
         points = np.array(surface["vertices"]).T
         plane = by_name[surface["name"]]
         np.testing.assert_allclose(surface["sigma"], plane.sigma_offset(points @ turn), rtol=1e-2)

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 import gtlayout
-from gtlayout.evaluation.element_scores import centroid_world
+from gtlayout.evaluation.instance_scores import centroid_world
 from gtlayout.io.files import json_text, write_all_atomic
 from gtlayout.solution import Solution
 

@@ -23,8 +23,8 @@ from common.runner import SceneRows
 from common.scoring import depth_metrics
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation.element_scores import match_instances
 from gtlayout.evaluation.evaluate import evaluate
+from gtlayout.evaluation.instance_scores import match_instances
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane

@@ -9,7 +9,7 @@ import numpy as np
 from gtlayout.scene import Camera, FloatArray
 
 _MIN_DIHEDRAL = 0.2
-"""Planes at less than this angle (radians) make no edge that an annotator would draw."""
+"""Planes at less than this angle (radians) have no edge that an annotator would draw."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class EdgeGroup:
     def distances_px(self, planes: FloatArray, neighbour: FloatArray) -> FloatArray:
         """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``.
 
-        Infinite for planes that coincide with it: elements that touch along an edge are two planes.
+        Infinite for planes that coincide with it: instances that touch along an edge have two planes.
         """
         center = self.camera.center_world
         clearance = planes[:, :3] @ center + planes[:, 3]

@@ -1,4 +1,4 @@
-"""The verdict on a scene in one word, with its reasons: what its maker is to do with it."""
+"""The verdict on a scene in one word, with its reasons: what the user should do with it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def headline(
     measures: Measures,
     config: QualityConfig,
 ) -> Headline:
-    """*Redo* for any reason to, else *check* for any reason to, else *trust*. All reasons found are given.
+    """*Redo* if there is any reason for it, else *check* if there is any, else *trust*. All reasons are given.
 
     *Redo*: depth is known for less than ``config.min_known_share`` of what is drawn, or the IoU is not accepted.
 

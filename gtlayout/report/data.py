@@ -1,4 +1,4 @@
-"""What the page says: plain data out of a scene, its layout and its quality."""
+"""The content of the page: plain data from a scene, its layout and its quality."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def report_data(
 ) -> dict[str, Any]:
     """Everything the template needs, as dicts, lists, strings and numbers; no NaN.
 
-    ``photos`` are (H, W, 3) RGB, one a key frame, None where it cannot be read.
+    ``photos`` are (H, W, 3) RGB, one per key frame, None where it cannot be read.
     """
     colors = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in instance_colors(range(len(layout.instances)))]
     full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
@@ -82,7 +82,7 @@ def report_data(
 
 
 def _instances(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[dict[str, Any]]:
-    """One row an instance; None where nothing is known."""
+    """One row per instance; None where nothing is known."""
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, colors, strict=True)
     return [
         {

@@ -41,7 +41,7 @@ def write_results(
     cameras_refined: bool = False,
     timings_s: Mapping[str, float] | None = None,
 ) -> None:
-    """Write all result files: every one complete before the first takes its place. What came of an earlier solve goes.
+    """Write all result files. All are complete before the first takes its place. Those of an earlier solve are removed.
 
     ``cameras_refined``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
     seconds of each stage; in a file of their own, because all others are the same bytes for the same input.
@@ -61,7 +61,7 @@ def write_results(
             out_dir / "layout.glb": glb_bytes(layout),
             out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
             out_dir / "config.json": json_text({"versions": package_versions(), "config": asdict(config)}),
-            # Last, because it is what says that a scene is solved.
+            # Last, because its presence means that the scene is solved.
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
         }
     )
@@ -72,14 +72,15 @@ def write_results(
 
 @cache
 def package_versions() -> dict[str, str]:
-    """What a layout was made with."""
+    """The versions of gtlayout, Python and the packages that decide a result."""
     return {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
 
 
 def read_layout(out_dir: Path, scene: Scene) -> Layout:
     """Read a layout of ``scene`` back from its layout.json.
 
-    Elements are found by the names of their image and by their ids, so annotations may have been reordered since.
+    Elements are found by the names of their image and by their ids, so annotations may have been reordered since the
+    solve.
 
     Raises:
         GtlayoutError: the file is absent, not a layout, or names elements that the scene does not have.

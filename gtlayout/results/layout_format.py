@@ -1,4 +1,4 @@
-"""What stands in layout.json: the types of its parts, and their JSON schema.
+"""The content of layout.json: the types of its parts, and their JSON schema.
 
 ``python -m gtlayout.results.layout_format > docs/layout.schema.json`` writes the schema that the documentation shows.
 """
@@ -36,11 +36,11 @@ class PlaneRow(TypedDict):
     """normal · X + d = 0 in the world frame of the cameras."""
 
     normal: Annotated[FloatArray, Shape((3,), _NUMBER_OR_NULL)]
-    """Unit normal, towards the cameras; nulls when nothing places the plane."""
+    """Unit normal, towards the cameras; nulls when the plane is not placed."""
     d: NumberOrNull
     """World unit."""
     covariance: Annotated[FloatArray, Shape((4, 4), _NUMBER_OR_NULL)]
-    """Of (normal, normal · anchor + d) in the world frame; rank 3; nulls when nothing places the plane."""
+    """Of (normal, normal · anchor + d) in the world frame; rank 3; nulls when the plane is not placed."""
     anchor: Annotated[FloatArray, Shape((3,))]
     """The world's origin, or, where that is so far away that (normal, d) loses digits, a point amid the cameras."""
     observable: bool
@@ -48,7 +48,7 @@ class PlaneRow(TypedDict):
     note: str
     """Why it is not observable; empty when it is."""
     support: Annotated[dict[str, Any], Support]
-    """What places it."""
+    """What it is solved from."""
     sigma_normal_deg: NumberOrNull
     """σ of the normal's direction, degrees: the larger of its two principal axes."""
     sigma_depth: NumberOrNull
@@ -67,9 +67,9 @@ class ExtentRow(TypedDict):
     polygons: list[list[Points]]
     """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one."""
     unrefined: list[list[Points]]
-    """The same before refinement: the consensus of the unprojected elements."""
+    """The same before refinement: what the key frames' unprojected elements agree on, by vote."""
     unknown_area: float
-    """What was drawn beyond where the depth is known and was left out, square world units."""
+    """Area that is drawn where the depth is not known, and is left out; square world units."""
 
 
 class InstanceRow(TypedDict):
@@ -81,7 +81,7 @@ class InstanceRow(TypedDict):
     host: str | None
     """For doors and windows: name of the instance whose plane they lie in; null when they have none."""
     members: list[Member]
-    """The elements that show it, at most one a key frame."""
+    """The elements that show it, at most one per key frame."""
     plane: PlaneRow
     extent: ExtentRow
     iou: NumberOrNull
@@ -103,7 +103,7 @@ class DimensionRow(TypedDict):
     length: float
     """World unit."""
     sigma: NumberOrNull
-    """σ of the length, world unit; what the errors of both planes have in common counts."""
+    """σ of the length, world unit; from the joint covariance of both planes."""
     ends: Annotated[FloatArray, Shape((2, 3))]
     """Where it is measured: a point on each plane."""
 
@@ -122,7 +122,7 @@ class MeshRow(TypedDict):
 
 
 class HeadlineRow(TypedDict):
-    """The verdict in a word."""
+    """The verdict on the scene in a word, with its reasons."""
 
     word: Word
     """Use it as it is; look at what is named first; not usable without new elements or cameras."""
@@ -142,13 +142,13 @@ class LayoutFile(TypedDict):
     unit: Literal["m", "scene unit"]
     """Of all lengths."""
     convention: str
-    """Signs, frames and what σ is taken of, in words."""
+    """Signs, frames and the meaning of σ, in words."""
     headline: HeadlineRow
     """What to do with the scene, in a word, and why."""
     accepted: bool
     """Whether the reprojection IoU is at least 0.8."""
     predicted: Prediction
-    """What the covariances say of the depth."""
+    """Whether the covariances show that the depth is known."""
     sigma_depth_share: float
     """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
     instances: list[InstanceRow]

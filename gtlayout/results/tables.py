@@ -36,7 +36,7 @@ def instance_table(layout: Layout, quality: Quality) -> Table:
 
 
 def reasons(layout: Layout, quality: Quality) -> list[str]:
-    """Why each instance that is not ok is not, and what makes it uncertain: one line an instance."""
+    """Why each instance that is not ok is not, and what makes it uncertain: one line per instance."""
     return [
         f"{instance.name} is {judged.verdict}: {judged.reason}"
         + (f" ({', '.join(judged.causes)})" if judged.causes else "")
@@ -61,7 +61,7 @@ def most_certain_first(dimensions: Sequence[Dimension]) -> list[Dimension]:
 
 
 def camera_line(cameras: CameraReport, metric: bool) -> str:
-    """One line: what refining the cameras came to."""
+    """One line: the result of refining the cameras."""
     if not cameras.refined:
         return f"cameras kept: refinement did not prove itself ({cameras.kept_because})"
     shift = figure(100 * cameras.shift, 1, " cm") if metric else f"{short(cameras.shift)} units"
@@ -79,7 +79,7 @@ def headline_text(headline: Headline) -> Text:
 
 
 def measures(scene: Scene, layout: Layout, quality: Quality) -> str:
-    """One line: what the headline rests on: IoU and what the marginals predict, and the worst frame and element."""
+    """One line with the measures behind the headline: IoU, σ of depth, and the worst frame and element."""
     worst = quality.elements[quality.worst_element]
     return (
         f"{_accepted(quality)}; {_prediction(quality)}. "
