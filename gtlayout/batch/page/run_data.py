@@ -1,4 +1,4 @@
-"""What the page of a run says: plain data out of its records. Names and reasons come from files and are only text."""
+"""The content of a run's page: plain data from its records. Names and reasons come from files and are only text."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FAILURES: dict[Failure, str] = {
 """In the order in which somebody should look at them."""
 Group = Literal["failed", "redo", "check", "trust"]
 GROUPS: tuple[Group, ...] = get_args(Group)
-"""Of scenes, worst first: those without a layout, and by the headline of the others."""
+"""Groups of scenes, the worst first: those without a layout, and the others by headline."""
 
 
 def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
@@ -78,7 +78,7 @@ def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
 
 
 def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
-    """A scene as the tables have it: plain values, numbers with six digits, None where nothing is known."""
+    """A scene as a row of the table: plain values, numbers with six digits, None where not known."""
     weak, unobservable = number(record.weak), number(record.unobservable)
     return {
         "name": printable(record.scene),
@@ -112,7 +112,7 @@ def group(record: Record) -> Group:
 
 
 def _status(record: Record) -> str:
-    """What the IoU and the covariances say, in words; empty for failed scenes."""
+    """The verdicts of IoU and covariances as text; empty for failed scenes."""
     if record.status == "failed":
         return ""
     return record.status + (", doubtful" if record.predicted == "doubtful" else "")
@@ -138,7 +138,7 @@ def link(path: Path, page_dir: Path) -> str:
 
 
 def accept_iou(run: Run) -> float:
-    """From which IoU on this run accepted a scene."""
+    """The IoU from which on this run accepted a scene."""
     quality = run.config.get("quality")
     found = quality.get("accept_iou") if isinstance(quality, dict) else None
     return found if isinstance(found, float) else QualityConfig().accept_iou
@@ -171,7 +171,7 @@ def _short(value: float | None) -> float | None:
 
 
 def _distributions(records: Sequence[Record], accepted_from: float) -> list[dict[str, Any]]:
-    """One histogram a measure that is known of any scene."""
+    """One histogram per measure that is known for any scene."""
 
     def known(name: str, factor: float = 1.0) -> list[float]:
         found = (number(getattr(record, name)) for record in records)

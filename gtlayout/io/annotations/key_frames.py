@@ -1,4 +1,4 @@
-"""From annotations as drawn to key frames: labels understood, images found among the frames, elements put together."""
+"""From annotations as drawn to key frames: labels are interpreted, images are found, elements are put together."""
 
 from __future__ import annotations
 
