@@ -37,11 +37,11 @@ from gtlayout.solution import Solution
 
 NOMINAL = (0.5, 0.9, 0.95)
 WRONG_M = 0.1
-"""A plane that is farther off than this at the centroid of its element is badly wrong …"""
+"""A plane that is farther off than this at the centroid of its instance is badly wrong …"""
 SURE_M = 0.05
 """… and with less than this for σ, and the verdict "ok", nobody is warned."""
 PIXELS = 12
-"""Sampled on each drawing of an element."""
+"""Points sampled on each element."""
 TEXTS = ("scene", "kind", "level", "plane", "label", "verdict", "note")
 """First columns of the table of planes."""
 FAILED, MISSING, UNOBSERVABLE = "failed", "missing", "unobservable"

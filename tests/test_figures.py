@@ -169,7 +169,7 @@ def test_report_says_what_is_not_known_in_words(unknown: tuple[Scene, Layout, Qu
     _assert_never_said([text])
     assert "unknown" in text
     # What the 3D view is drawn from.
-    assert data["room"]["surfaces"][0]["sigma"][0] is None
+    assert data["room"]["instances"][0]["sigma"][0] is None
 
 
 @pytest.mark.parametrize("to", ["svg", "dxf"])
