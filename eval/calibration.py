@@ -37,9 +37,9 @@ from gtlayout.solution import Solution
 
 NOMINAL = (0.5, 0.9, 0.95)
 WRONG_M = 0.1
-"""A plane that is farther off than this at the centroid of its instance is badly wrong …"""
+"""A plane that is farther off than this at the centroid of its instance is badly wrong."""
 SURE_M = 0.05
-"""… and with less than this for σ, and the verdict "ok", nobody is warned."""
+"""A plane that is badly wrong with a σ below this and the verdict "ok" gives no warning."""
 PIXELS = 12
 """Points sampled on each element."""
 TEXTS = ("scene", "kind", "level", "plane", "label", "verdict", "note")

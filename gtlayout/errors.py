@@ -21,6 +21,6 @@ class GtlayoutError(Exception):
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception that nobody expected says, and where it came from."""
+    """The message of an unexpected exception, and where it came from."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     return " ".join(f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})".split())

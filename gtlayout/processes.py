@@ -78,7 +78,7 @@ def _sent(item: object, here: Connection) -> Connection:
 
 
 def _serve(there: Connection, work: Callable[[Item], object]) -> None:
-    """Work on one item after another until nobody sends any."""
+    """Work on one item after another until no more are sent."""
     # Ctrl-C in a terminal reaches all processes: the one that was started by the user decides what comes of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))

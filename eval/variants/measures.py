@@ -37,9 +37,9 @@ from gtlayout.solution import Solution
 from variants.variant import Variant
 
 OFF_M, OFF_DEG = 0.1, 5.0
-"""A plane that is farther off than one of these is off …"""
+"""A plane that is farther off than one of these is off."""
 OFF_SHARE = 0.03
-"""… in a scene without a unit: than this share of the median depth of what was drawn, 10 cm at 3.3 m."""
+"""The same in a scene without a unit, as a share of the median depth of the elements: 10 cm at 3.3 m."""
 CERTAIN = 1 / 3
 """Who says "ok" and a σ below this share of the error has misled whoever reads it."""
 PIXELS = 24

@@ -1,4 +1,4 @@
-"""The metric scale from one distance that somebody measured: two points of the room, marked in several frames."""
+"""The metric scale from one measured distance: two points of the room, marked in several frames."""
 
 from __future__ import annotations
 

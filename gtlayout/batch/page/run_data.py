@@ -21,13 +21,13 @@ from gtlayout.results.names import REPORT_FILE
 
 FAILURES: dict[Failure, str] = {
     "input": "cannot be solved as they are: send back, or repair the files",
-    "bug": "an exception nobody expected: report it with the log",
+    "bug": "an unexpected exception: report it with the log",
     "timeout": "not done in time; the next run tries again",
     "died": "the process died of a signal; the next run tries again",
     "memory": "took more memory than there was; the next run tries again",
     "worker": "the worker was lost again and again; the next run tries again",
 }
-"""In the order in which somebody should look at them."""
+"""In the order of importance."""
 Group = Literal["failed", "redo", "check", "trust"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 """Groups of scenes, the worst first: those without a layout, and the others by headline."""
