@@ -23,7 +23,7 @@ from common.plots import reliability, sigma_against_error
 from common.runner import SceneRows, errors_of, run_scenes, scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation.element_scores import centroid_world, match_instances, plane_error
+from gtlayout.evaluation.instance_scores import centroid_world, match_instances, plane_error
 from gtlayout.geometry.depth import centroid_of_largest
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
@@ -37,11 +37,11 @@ from gtlayout.solution import Solution
 
 NOMINAL = (0.5, 0.9, 0.95)
 WRONG_M = 0.1
-"""A plane that is farther off than this at the centroid of its element is badly wrong …"""
+"""A plane that is farther off than this at the centroid of its instance is badly wrong."""
 SURE_M = 0.05
-"""… and with less than this for σ, and the verdict "ok", nobody is warned."""
+"""A plane that is badly wrong with a σ below this and the verdict "ok" gives no warning."""
 PIXELS = 12
-"""Sampled on each drawing of an element."""
+"""Points sampled on each element."""
 TEXTS = ("scene", "kind", "level", "plane", "label", "verdict", "note")
 """First columns of the table of planes."""
 FAILED, MISSING, UNOBSERVABLE = "failed", "missing", "unobservable"

@@ -2,7 +2,7 @@
 
 The measure is that of the LSUN room layout challenge, as its tool kit computes it (``pixelwiseAccuracy.m``) and as the
 paper's Table 3 reports it: the share of pixels that are wrong under the one-to-one matching of predicted segments to
-true elements that makes most pixels right. Classes play no part, and each value of a prediction is a segment, 0 too.
+true segments that makes most pixels right. Classes play no part, and each value of a prediction is a segment, 0 too.
 What the tool kit leaves open:
 
 * pixels at which the layout shows nothing are not scored (LSUN's truth covers the whole image), and a frame that shows
@@ -31,7 +31,7 @@ from scipy.optimize import linear_sum_assignment
 
 from common.command_line import exit_status, new_app
 from common.metrics import Metric, markdown_table, mean_over, write_tables
-from common.wireframe import Edge, group_elements, visible_edges
+from common.wireframe import Edge, segments_of, visible_edges
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.render import render as render_layout
 from gtlayout.io.files import json_text, path_inside, read_json, write_all_atomic, write_json_atomic
@@ -42,7 +42,7 @@ from gtlayout.results.layout_files import read_layout
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
 
 INDEX = "index.json"
-INDEX_FORMAT = "gtlayout-layout2d/1"
+INDEX_FORMAT = "gtlayout-layout2d/2"
 WIREFRAME_FORMAT = "gtlayout-wireframe/1"
 TABLE = "pixel_error"
 MAX_LABEL = 255
@@ -110,18 +110,18 @@ def score(
 
 
 def label_image(layout: Layout, camera: Camera) -> ImageArray:
-    """(H, W) what the camera sees: 0 = nothing, k = the k-th element (from 1) of ``group_elements``.
+    """(H, W) what the camera sees: 0 = nothing, k = the k-th segment (from 1) of ``segments_of``.
 
     Raises:
-        GtlayoutError: the layout has more elements than 8 bits can tell apart.
+        GtlayoutError: the layout has more segments than 8 bits can tell apart.
     """
-    elements = group_elements(layout.instances)
-    if len(elements) > MAX_LABEL:
-        raise GtlayoutError(f"the layout has {len(elements)} elements: a label image holds {MAX_LABEL} at most")
+    segments = segments_of(layout.instances)
+    if len(segments) > MAX_LABEL:
+        raise GtlayoutError(f"the layout has {len(segments)} segments: a label image holds {MAX_LABEL} at most")
     instances, _ = render_layout(layout.planes, layout.extents, layout.instances, camera)
     # The last entry is that of -1, "nothing".
     label_of = np.zeros(len(layout.instances) + 1, dtype=np.uint8)
-    for label, members in enumerate(elements, start=1):
+    for label, members in enumerate(segments, start=1):
         label_of[members] = label
     return label_of[instances]
 
@@ -195,16 +195,16 @@ def write_truth(scene: Scene, layout: Layout, frames: Sequence[Frame], out_dir: 
             contents[out_dir / entry["undistorted"]] = _png(image[:, :, ::-1])
         write_all_atomic(contents)
         entries.append(entry)
-    elements = [
+    segments = [
         {
             "label": label,
             "name": layout.instances[members[0]].name,
             "class": layout.instances[members[0]].label,
             "openings": [layout.instances[i].name for i in members[1:]],
         }
-        for label, members in enumerate(group_elements(layout.instances), start=1)
+        for label, members in enumerate(segments_of(layout.instances), start=1)
     ]
-    write_json_atomic(index_path, {"format": INDEX_FORMAT, "elements": elements, "frames": entries})
+    write_json_atomic(index_path, {"format": INDEX_FORMAT, "segments": segments, "frames": entries})
 
 
 def score_folder(true_dir: Path, predicted_dir: Path) -> dict[str, list[Metric]]:
@@ -259,7 +259,7 @@ def _wireframe(frame: Frame, edges: Sequence[Edge]) -> dict[str, Any]:
         "image_size": [frame.camera.width, frame.camera.height],
         "edges": [
             {
-                "labels": [element + 1 for element in edge.elements],
+                "labels": [segment + 1 for segment in edge.segments],
                 "kind": edge.kind,
                 "points_px": np.round(edge.points_px, 3),
             }

@@ -77,7 +77,7 @@ def measure(
     shrink
         By how much its frames are smaller than full HD.
     """
-    frames, key_frames = drawings(images)
+    frames, key_frames = annotated_frames(images)
     rows = {}
     for name, (file, write, reader) in FORMATS.items():
         with tempfile.TemporaryDirectory() as folder:
@@ -92,7 +92,7 @@ def measure(
     print(f"Results: {out}")
 
 
-def drawings(count: int) -> tuple[list[Frame], list[KeyFrame]]:
+def annotated_frames(count: int) -> tuple[list[Frame], list[KeyFrame]]:
     """``count`` images in full HD with polygons of 8 corners each; a sixth of them have a visible part."""
     rng = np.random.default_rng(0)
     camera = Camera(np.eye(3), np.eye(3), np.zeros(3), *FULL_HD)

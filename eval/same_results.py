@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,8 +21,22 @@ from gtlayout.io.files import read_json
 from gtlayout.processes import single_threaded
 
 FILES = ("layout.json", "layout.ply", "layout.glb", "quality.json")
-RENAMED: dict[str, str] = {}
-"""Keys of JSON files that have other words since the results to compare with were made: earlier → now."""
+RENAMED: dict[str, dict[str, str]] = {
+    "layout.json": {"elements": "instances", "face_element": "face_instance", "held_by": "dominant_evidence"},
+}
+"""Keys that have other names since the results to compare with were made: file → earlier → now."""
+REWORDED: dict[str, str] = {
+    "gtlayout-layout/3": "gtlayout-layout/4",
+    "largest of the elements that share": "largest of the instances that share",
+    r"(\d+ of \d+) elements, ": r"\1 instances, ",
+    "all elements are ok": "all instances are ok",
+    "no element is ok": "no instance is ok",
+    "look at drawings and camera of": "look at the elements and the camera of",
+    "drawings were scaled": "their shapes were scaled",
+    "a polyline is no surface": "a polyline encloses no area",
+    "nothing of it is left before surfaces with a higher z-order": "elements with a higher z-order cover all of it",
+}
+"""Parts of texts in JSON files that have other words since then: regular expression → what replaces it."""
 
 app = new_app("same_results", __doc__)
 
@@ -81,16 +97,21 @@ def _digest(file: Path) -> str:
     """Of a file's bytes, with the words of today in JSON; "missing" for a file that is not there."""
     if not file.is_file():
         return "missing"
-    content = (
-        json.dumps(_renamed(read_json(file))).encode() if RENAMED and file.suffix == ".json" else file.read_bytes()
-    )
-    return hashlib.sha256(content).hexdigest()
+    if file.suffix != ".json":
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    content = json.dumps(_in_words_of_today(read_json(file), RENAMED.get(file.name, {})))
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
-def _renamed(value: Any) -> Any:
+def _in_words_of_today(value: Any, renamed: Mapping[str, str]) -> Any:
     if isinstance(value, dict):
-        return {RENAMED.get(key, key): _renamed(inner) for key, inner in value.items()}
-    return [_renamed(inner) for inner in value] if isinstance(value, list) else value
+        return {renamed.get(key, key): _in_words_of_today(inner, renamed) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_in_words_of_today(inner, renamed) for inner in value]
+    if isinstance(value, str):
+        for earlier, now in REWORDED.items():
+            value = re.sub(earlier, now, value)
+    return value
 
 
 def main(arguments: list[str] | None = None) -> int:

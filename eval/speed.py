@@ -202,10 +202,10 @@ def simulated(size: Size) -> Prepared:
     """A room without images, tracks half a pixel off."""
     key_frames = np.linspace(0, size.frames, size.key_frames, endpoint=False).astype(int).tolist()
     room = make_room(ring(size.frames), key_frames, prism_faces(size.walls))
-    drawings = sum(len(key_frame.elements) for key_frame in room.scene.key_frames)
+    elements = sum(len(key_frame.elements) for key_frame in room.scene.key_frames)
     # Points near the border of the image are soon lost: some more than are wanted, then as many as are.
     tracks = simulation.make_tracks(
-        room, np.random.default_rng(0), per_element=int(np.ceil(1.5 * size.tracks / drawings)), reach=size.reach
+        room, np.random.default_rng(0), per_element=int(np.ceil(1.5 * size.tracks / elements)), reach=size.reach
     )
     tracks = simulation.chosen(tracks, np.linspace(0, len(tracks) - 1, size.tracks).round().astype(int))
     return simulation.as_given(simulation.measurements(room, tracks))

@@ -1,6 +1,6 @@
 """GTSAM custom factors on ``OrientedPlane3`` and ``Point3`` variables; they know nothing of scenes.
 
-Observations of landmarks need no custom factor: GTSAM's native ``TriangulationFactor`` does them without Python.
+Observations of landmarks need no custom factor: GTSAM's native ``TriangulationFactor`` evaluates them without Python.
 """
 
 from gtlayout.factors.coplanarity import coplanarity_factor

@@ -1,4 +1,4 @@
-"""One door between NumPy residual functions and ``gtsam.CustomFactor``."""
+"""The interface between NumPy residual functions and ``gtsam.CustomFactor``."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ def coplanarity_factor(plane_keys: tuple[int, int], point: FloatArray, noise: An
 
     Args:
         plane_keys: two ``OrientedPlane3`` variables a and b.
-        point: (3,) where the offsets are compared: amid the smaller of the two elements, world unit.
+        point: (3,) where the offsets are compared: amid the smaller of the two instances, world unit.
         noise: 4-D noise model, (radians × 3, world unit); may be robust.
     """
 

@@ -15,8 +15,8 @@ def depth_factor(
 ) -> gtsam.CustomFactor:
     """``r_i = ρ_i + n · v_i / (n · c_i + d)``: inverse depth along the ray c + v / ρ minus that of the plane.
 
-    What is left of tracks when their landmarks are eliminated by triangulation: three unknowns a plane in all, so many
-    starts can be tried for the price of one solve with landmarks.
+    The factor of tracks whose landmarks are eliminated by triangulation. There are only three unknowns per plane, so
+    many starts can be tried in the time of one solve with landmarks.
 
     Args:
         plane_key: an ``OrientedPlane3`` variable.
@@ -36,7 +36,7 @@ def depth_factor(
 def biased_depth_factor(
     keys: tuple[int, int], centers: FloatArray, rays: FloatArray, rho: FloatArray, bias_by: FloatArray, noise: Any
 ) -> gtsam.CustomFactor:
-    """``r_i = ρ_i + n · v_i / (n · c_i + d) − h_i · b``: as above, for points that are off together by ``h_i · b``.
+    """``r_i = ρ_i + n · v_i / (n · c_i + d) − h_i · b``: as above, for points that share the error ``h_i · b``.
 
     Args:
         keys: an ``OrientedPlane3`` and a ``Point3`` variable, the plane and the bias b.

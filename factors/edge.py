@@ -23,9 +23,9 @@ def edge_factor(
     With D = n · c + d for the camera centre c, ``m = D_a n_b − D_b n_a`` is the normal of the plane through c and the
     intersection line, ``l = K⁻ᵀ R m`` its image, and ``r = l · u / ‖l₁₂‖`` the distance of pixel u from it.
 
-    An edge drawn by one hand is off as a whole, so its points are not independent: two representative points (mean ±
-    one standard deviation along the edge) carry all it says. Their half-sum is its shift, their half-difference its
-    tilt.
+    An edge drawn by one hand is off as a whole, so its points are not independent. Two representative points (mean ±
+    one standard deviation along the edge) carry all its information. Their half-sum is its shift, their half-difference
+    its tilt.
 
     Args:
         plane_keys: two ``OrientedPlane3`` variables.

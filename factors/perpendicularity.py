@@ -1,4 +1,4 @@
-"""Walls stand on floors."""
+"""Two planes at a right angle, such as a wall and the floor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Landmarks on their plane."""
+"""Landmarks that lie on their plane."""
 
 from __future__ import annotations
 

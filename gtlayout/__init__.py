@@ -27,7 +27,7 @@ True
 >>> gtlayout.evaluate(scene, layout).depth.median < 0.02
 True
 
-Everything here is what the command line calls. Nothing is imported before it is used: OpenCV and GTSAM take seconds.
+The command line calls the same functions. Nothing is imported before it is used, because OpenCV and GTSAM take seconds.
 """
 
 from importlib import import_module
@@ -77,7 +77,7 @@ _HOME = {
     "save": "api",
     "solve": "method",
 }
-"""Module in which each name is defined; the others are modules themselves."""
+"""The module in which each name is defined. The other names are modules."""
 
 
 def __getattr__(name: str) -> object:

@@ -1,4 +1,4 @@
-"""Scenes and results, from and to folders: the ends of ``gtlayout.solve`` and ``gtlayout.evaluate``."""
+"""Read scenes and results from folders, and write results: before and after ``gtlayout.solve``."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from gtlayout.solution import Solution
 def load(folder: str | PathLike[str]) -> Scene:
     """Read a scene folder: cameras, images, annotations, in any known format.
 
-    Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
-    what was repaired or skipped stands in ``Scene.warnings``.
+    Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
+    ``Scene.warnings`` lists what was repaired or skipped.
     """
     return load_scene(Path(folder))
 
 
 def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None = None) -> tuple[Scene, Layout]:
-    """Read a scene folder and the layout that was solved of it, from ``results`` (``folder/gtlayout`` when not given).
+    """Read a scene folder and its solved layout, from ``results`` (``folder/gtlayout`` when not given).
 
-    The scene has the cameras the layout was solved with, refined ones included. Raises GtlayoutError when either cannot
-    be read, or the layout was made from other annotations.
+    The scene has the cameras that the layout was solved with, also when these are refined. Raises GtlayoutError when
+    either cannot be read, or the layout was made from other annotations.
     """
     found = Path(folder) / FOLDER if results is None else Path(results)
     scene = with_refined_cameras(load_scene(Path(folder)), found)
@@ -37,7 +37,7 @@ def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None
 def save(solution: Solution, results: str | PathLike[str]) -> None:
     """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, where refined, cameras.json.
 
-    Raises GtlayoutError when the folder ``results`` or the disk does not take them; all files are then as they were.
+    Raises GtlayoutError when the files cannot be written to the folder ``results``. All its files are then unchanged.
     """
     refined = solution.cameras is not None and solution.cameras.refined
     write_results(

@@ -11,9 +11,9 @@ from gtlayout.scene import FloatArray, Label
 Colors = npt.NDArray[np.uint8]
 
 SIGMA_FULL_M = 0.1
-"""σ of a surface's position at which the colour scale ends in a metric scene …"""
+"""σ of a plane's position at which the colour scale ends in a metric scene."""
 SIGMA_FULL_SHARE = 0.05
-"""… and in others, as a share of the scene's median depth."""
+"""The same in other scenes, as a share of the scene's median depth."""
 LABEL_COLORS: dict[Label, tuple[int, int, int]] = {
     "floor": (201, 148, 86),
     "ceiling": (150, 150, 160),

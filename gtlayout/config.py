@@ -1,4 +1,4 @@
-"""Every tunable, with its unit and where it comes from. The resolved configuration is saved beside the results."""
+"""Every setting, with its unit and its source. The resolved configuration is saved beside the results."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Config:
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
     seed: int = 0
-    """Of everything random: the same seed gives the same bytes on one kind of processor."""
+    """Seed of all random numbers. The same seed gives the same bytes on one kind of processor."""
     refine_cameras: bool = False
-    """Whether to refine the camera poses with the tracks before anything is built on them."""
+    """Whether to refine the camera poses with the tracks before stage 2."""
     restarts: int = 1
-    """Solves of which the one with the best reprojection IoU is kept (paper 3.5, which makes 100)."""
+    """Number of solves, of which the one with the best reprojection IoU is kept (paper 3.5: 100)."""
     restart_share: float = 0.8
-    """Random share of the tracks that each solve after the first works with."""
+    """Random share of the tracks that each solve after the first uses."""
 
     def __post_init__(self) -> None:
         if self.restarts < 1 or self.seed < 0:

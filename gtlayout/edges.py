@@ -15,9 +15,9 @@ from gtlayout.instances import Instance
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
 
 _MOST_CANDIDATES = 64
-"""Points of an edge whose pairs are tried as its line: all pairs of a long edge would be too many."""
+"""Number of points of an edge whose pairs are tried as its line. All pairs of a long edge would be too many."""
 _ROUNDING_PX = 1e-6
-"""Corners are drawn on whole pixels: lengths that are a whole number of steps are so but for rounding."""
+"""Corners are drawn on whole pixels, so lengths may be a whole number of steps up to rounding."""
 _DECIMALS = 6
 """Of a pixel."""
 
@@ -27,15 +27,15 @@ class EdgeConfig:
     """Stage 3. Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others."""
 
     max_gap_px: float = 4.0
-    """Two boundaries closer than this run along each other."""
+    """Two boundaries that are closer than this run along each other."""
     step_px: float = 4.0
     """Distance of the samples on a contact edge."""
     min_length_px: float = 20.0
-    """Shorter contacts say nothing about a line."""
+    """Shorter contacts are not used: they do not determine a line."""
     straightness_px: float = 6.0
-    """A pair's points further than this from their common line are not contact."""
+    """Points of a pair further than this from their common line are not part of the contact."""
     occlusion_px: float = 6.0
-    """Reach of an annotated occlusion edge."""
+    """Boundaries this close to an annotated occlusion edge are not contacts."""
     border_px: float = 3.0
     """Boundaries this close to the image border are cut by the image, not by a neighbour."""
 
@@ -105,7 +105,7 @@ def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: Edg
 def _on_one_line(points_px: FloatArray, tolerance_px: float) -> FloatArray:
     """The points near the line that most of them share, in order along it: two planes meet in one line, and only there.
 
-    What runs elsewhere (the side of a cabinet in front of the floor) is an occlusion edge nobody drew.
+    Points elsewhere (the side of a cabinet in front of the floor) are an occlusion edge that nobody drew.
     """
     if len(points_px) < 3:
         return points_px

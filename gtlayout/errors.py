@@ -1,16 +1,16 @@
-"""The one exception gtlayout raises for problems a user can understand and mend."""
+"""The exception that gtlayout raises for problems that a user can understand and repair."""
 
 import traceback
 from pathlib import Path
 
 MAX_CHARACTERS = 1000
-"""A file's own words are quoted, and may be long."""
+"""Messages quote the content of files, which may be long."""
 
 
 class GtlayoutError(Exception):
     """A known problem. The message says what is wrong, where (file, frame or element), and what to do.
 
-    The command line prints it as one line and exits with 1; everything else is a bug and shows its traceback.
+    The command line prints it as one line and exits with 1. Any other exception is a bug and shows its traceback.
     """
 
     def __init__(self, message: str) -> None:
@@ -21,6 +21,6 @@ class GtlayoutError(Exception):
 
 
 def one_line(error: BaseException) -> str:
-    """What an exception that nobody expected says, and where it came from."""
+    """The message of an unexpected exception, and where it came from."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     return " ".join(f"{type(error).__name__}: {error} ({Path(at.filename).name}:{at.lineno})".split())

@@ -1,13 +1,13 @@
-"""Figures as text: what is not known reads as that, never as ``nan``, ``inf`` or a σ larger than what it is of."""
+"""Figures as text. What is not known is a dash or "unknown", never ``nan``, ``inf`` or a σ larger than its value."""
 
 from __future__ import annotations
 
 import math
 
 NOTHING = "–"
-"""In the place of a figure that there is none of."""
+"""In the place of a figure that does not exist."""
 UNKNOWN = "unknown"
-"""In the place of a σ that says nothing."""
+"""In the place of a σ that is not known."""
 
 
 def figure(value: float | None, digits: int, unit: str = "", signed: bool = False) -> str:
@@ -28,7 +28,7 @@ def percent(share: float, digits: int = 0) -> str:
 
 
 def is_known(sigma: float | None, of: float | None) -> bool:
-    """Whether a σ says something of a positive figure: both are finite, and it is less than the figure itself."""
+    """Whether a σ of a positive figure is known: both are finite, and σ is less than the figure itself."""
     return sigma is not None and of is not None and math.isfinite(of) and sigma < of
 
 

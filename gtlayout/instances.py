@@ -15,7 +15,7 @@ from gtlayout.scene import FloatArray, IntArray, Label
 
 @dataclass(frozen=True)
 class Instance:
-    """One physical element: the annotated elements of all key frames that show it."""
+    """One physical wall, floor, ceiling, slanted surface, door or window, with all elements that show it."""
 
     name: str
     """``wall_0``, ``floor_0`` …: label and a running number, unique in the layout."""
@@ -31,7 +31,7 @@ EvidenceKind = Literal["", "tracks", "contact edges", "right angles", "priors"]
 
 @dataclass(frozen=True)
 class Support:
-    """What the solve had to place a plane with: tells why a plane is weak."""
+    """What a plane is solved from, in figures. It shows why a plane is weak."""
 
     tracks: int = 0
     """Point tracks that took part."""
@@ -40,13 +40,14 @@ class Support:
     parallax_deg: float = np.nan
     """Median over its tracks of the largest angle between two rays to the point; NaN without tracks."""
     outvoted: float = np.nan
-    """Share of its tracks that lie off the plane and were given up; NaN without tracks or plane."""
+    """Share of its tracks that lie off the plane and have lost their weight; NaN without tracks or plane."""
     contact_edges: int = 0
     """Contact edges with other placed planes, counted in each key frame."""
     edge_px: float = np.nan
     """Median distance of its contact edges, as drawn, from the lines in which the planes meet; NaN without edges."""
-    held_by: EvidenceKind = ""
-    """The strongest kind of evidence that the plane rests on; empty when it is not known."""
+    dominant_evidence: EvidenceKind = ""
+    """The weakest kind of evidence without which the plane would be unknown; if there is none, the kind whose loss
+    would hurt most. Empty when the plane is not placed."""
 
 
 def propagated_sigma(gradient: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -71,13 +72,13 @@ class Plane:
     note: str = ""
     """Why the plane is weak, in words; empty when it is not."""
     support: Support = Support()
-    """What places it."""
+    """What it is solved from."""
     sigma_depth_m: float = np.nan
-    """σ of its depth at the centroid of its largest drawing, metres; NaN where nothing is known, and in scenes that are
-    not metric (``sigma_depth`` then has it in the world's unit)."""
+    """σ of its depth at the centroid of its largest element, metres; NaN where it is not known, and in scenes that are
+    not metric (``sigma_depth`` gives it in the world's unit)."""
     anchor: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) world point that the covariance is told about: the world's origin, unless that is so far from the cameras
-    that d would lose the digits that σ is made of."""
+    """(3,) world point that the covariance refers to: the world's origin, unless that is so far from the cameras that d
+    would lose the digits that σ is made of."""
 
     @property
     def covariance_world(self) -> FloatArray:
@@ -118,7 +119,7 @@ class PlaneFrame:
     @classmethod
     def across(cls, normal: FloatArray, origin: FloatArray) -> PlaneFrame:
         """A frame on the plane through ``origin`` with that unit normal."""
-        # Rounded: the frame of a floor does not turn by 90° with the sign of what is zero but for rounding.
+        # Rounded: the frame of a floor must not turn by 90° with the sign of a value that is zero up to rounding.
         e_u = np.cross(np.eye(3)[np.argmin(np.abs(normal).round(9))], normal)
         e_u /= np.linalg.norm(e_u)
         return cls(origin, np.stack([e_u, np.cross(normal, e_u)]))
@@ -147,15 +148,15 @@ class PlaneFrame:
 
 @dataclass(frozen=True)
 class Extent:
-    """The finite part of a plane that an element covers."""
+    """The finite part of a plane that an instance covers."""
 
     frame: PlaneFrame
     region: MultiPolygon
     """In ``frame``'s coordinates, world unit; may be empty."""
     unrefined: MultiPolygon
-    """The same before refinement (the plain union of the unprojected polygons)."""
+    """The same before refinement: what the key frames' unprojected elements agree on, by vote."""
     unknown_area: float = 0.0
-    """What was drawn beyond where the depth is known and was left out, square world units."""
+    """Area that is drawn where the depth is not known, and is left out; square world units."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Dimension:
-    """The distance of two surfaces that face each other."""
+    """The distance of two instances that face each other."""
 
     first: int
     """Index of an instance: the floor, of a height."""
@@ -188,6 +189,6 @@ class Dimension:
     length: float
     """World unit."""
     sigma: float
-    """σ of the length, world unit; what the errors of both planes have in common counts."""
+    """σ of the length, world unit; from the joint covariance of both planes."""
     ends_world: FloatArray
     """(2, 3) where it is measured: a point on each plane."""

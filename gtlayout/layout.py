@@ -17,26 +17,27 @@ from gtlayout.scene import Camera
 
 @dataclass(frozen=True)
 class Layout:
-    """A solved room. ``instances``, ``planes`` and ``extents`` run in parallel."""
+    """A solved room. ``instances``, ``planes`` and ``extents`` have the same order."""
 
     instances: tuple[Instance, ...]
     planes: tuple[Plane, ...]
-    """Doors and windows have their own: leaves and panes sit back in the wall."""
+    """Doors and windows have planes of their own, because leaves and panes sit back in the wall."""
     extents: tuple[Extent, ...]
     """Empty regions for unobservable planes."""
     triangles: Mesh
-    """Of all extents; ``mesh()`` gives them to trimesh."""
+    """The triangles of all extents; ``mesh()`` converts them to trimesh."""
     metric: bool
     """True when world units are metres."""
     dimensions: tuple[Dimension, ...] = ()
     """Heights and widths of the room."""
 
     def mesh(self) -> trimesh.Trimesh:
-        """``triangles`` for trimesh: label colours on its faces, ``vertex_attributes["sigma"]`` along the normal.
+        """``triangles`` as a trimesh, with label colours on its faces.
 
-        World frame and unit of the cameras; ``face_attributes["instance"]`` is the index of each face's instance.
+        World frame and unit of the cameras. ``vertex_attributes["sigma"]`` is σ along the normal,
+        ``face_attributes["instance"]`` the index of each face's instance.
         """
-        made = surface(self)
+        made = as_trimesh(self)
         made.face_attributes["instance"] = self.triangles.face_instance
         return made
 
@@ -49,7 +50,7 @@ class Layout:
         return render(self.planes, self.extents, self.instances, camera)
 
 
-def surface(layout: Layout) -> trimesh.Trimesh:
+def as_trimesh(layout: Layout) -> trimesh.Trimesh:
     """The mesh in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
     mesh = layout.triangles
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)

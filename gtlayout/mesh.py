@@ -1,4 +1,4 @@
-"""Stage 6: triangles with labels, sharing their vertices where elements touch."""
+"""Stage 6: triangles with labels, sharing their vertices where instances touch."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _GRID_STEPS = 32.0
 def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh:
     """Triangulate every extent; openings are cut out of their hosts, so that nothing is drawn twice.
 
-    Where two elements touch, each takes over the other's vertices along the common line and both are welded there.
+    Where two instances touch, each takes over the other's vertices along the common line and both are welded there.
     """
     outlines = [extent.frame.to_world(shapely.get_coordinates(extent.region)) for extent in extents]
     everything = np.concatenate(outlines) if outlines else np.empty((0, 3))
@@ -62,9 +62,9 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
 
 
 def vertex_sigma(mesh: Mesh, planes: Sequence[Plane]) -> FloatArray:
-    """(V,) σ of the surface's position along its normal at each vertex, world unit.
+    """(V,) σ of the plane's position along its normal at each vertex, world unit.
 
-    Where elements share a vertex it is the largest of theirs; NaN for a vertex that no triangle uses. The σ of a depth
+    Where instances share a vertex it is the largest of theirs; NaN for a vertex that no triangle uses. The σ of a depth
     seen there is this divided by the cosine between the normal and the viewing direction.
     """
     sigma = np.full(len(mesh.vertices), np.nan)
@@ -114,7 +114,7 @@ def _triangulate(region: MultiPolygon) -> list[FloatArray]:
 def _weld(points: FloatArray, owner: IntArray, reach: float) -> tuple[FloatArray, IntArray]:
     """Vertices, and the vertex of every point.
 
-    Points of different elements within ``reach`` become one, at their mean; those of one element only where they
+    Points of different instances within ``reach`` become one, at their mean; those of one instance only where they
     coincide, or a finely drawn outline would shrink to a point.
     """
     if len(points) == 0:

@@ -1,4 +1,4 @@
-"""The method: seven stages, in order (and the cameras' refinement, on demand). It reads like section 3 of the paper.
+"""The method: seven stages in order, as in section 3 of the paper, and on demand the refinement of the cameras.
 
 "Estimating Generic 3D Room Structures from 2D Annotations", Rozumnyi et al., NeurIPS 2023, with its optimisation recast
 as one factor graph.
@@ -39,19 +39,19 @@ def solve(
 ) -> Solution:
     """Reconstruct the room of ``scene``, with the default configuration when none is given.
 
-    ``config.restarts`` solves are made from the same tracks and the one with the best reprojection IoU is kept
-    (paper 3.5). The first takes all tracks, each further one a random ``config.restart_share`` of them. Where the
-    planes of the first show that instances are one or two, these are joined or split and solved again; the warnings
-    say so.
+    ``config.restarts`` solves are made from the same tracks, and the one with the best reprojection IoU is kept
+    (paper 3.5). The first solve uses all tracks, each further one a random ``config.restart_share`` of them. The planes
+    of the first may show that two instances are one, or one is two. These are joined or split, the planes are solved
+    again, and the warnings name them.
 
-    ``restarts`` are those of them to make here, all when not given: parts of one scene can be solved apart, and the
-    best of their solutions, the first of equals, is that of all.
+    ``restarts`` are the numbers of the restarts to make, all when not given. So the restarts of one scene can be made
+    in parts. The best of all their solutions, the first of equals, is the solution of the scene.
 
-    Raises ``GtlayoutError`` when the scene cannot be solved. Deterministic in ``scene`` and ``config`` on one kind of
-    processor; between those with AVX2 planes differ by less than 1e-9, and nothing is decided otherwise.
+    Raises ``GtlayoutError`` when the scene cannot be solved. The result is deterministic in ``scene`` and ``config`` on
+    one kind of processor. Between processors with AVX2 planes differ by less than 1e-9, and all decisions are the same.
     """
     config, stage = config or Config(), Stages(observer or Observer())
-    # OpenBLAS adds up in another order with each number of threads: the same bytes need just one.
+    # OpenBLAS sums in another order with each number of threads. The same bytes need one thread.
     with threadpool_limits(limits=1, user_api="blas"):
         prepared, first = _regrouped(prepare(scene, config, stage), config, stage)
         run = partial(_run, prepared, first, config, stage)
@@ -61,7 +61,7 @@ def solve(
 
 
 def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepared:
-    """Stages 1 to 3: what planes are solved from.
+    """Stages 1 to 3: everything that planes are solved from.
 
     Raises ``GtlayoutError`` when no frame is annotated, or an annotated image cannot be read.
     """
@@ -92,7 +92,9 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
 
 
 def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None, restart: int = 0) -> Estimate:
-    """Stage 4: the plane of every instance with its covariance, in the canonical world; ``lay_out`` leads back.
+    """Stage 4: the plane of every instance with its covariance, in the canonical world.
+
+    ``lay_out`` moves the planes to the given world.
 
     Raises ``GtlayoutError`` when no plane at all can be determined.
     """
@@ -128,7 +130,7 @@ def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages 
 
 
 def _regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
-    """Planes solved; where they join or split instances, solved again, until these stay as they are."""
+    """Solve planes, join or split instances by them, and solve again, until the instances no longer change."""
     solved = solve_planes(prepared, config, stage)
     for _ in range(config.regrouping.rounds):
         with stage("regrouping"):
@@ -151,7 +153,7 @@ def _regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepa
 
 
 def _run(prepared: Prepared, first: Estimate, config: Config, stage: Stages, restart: int) -> Solution:
-    """One restart; the planes of the first are there already."""
+    """One restart. The planes of the first are already solved."""
     if restart == 0:
         return lay_out(prepared, first, config, stage)
     part = prepared.restarted(config.restart_share, config.seed + restart)

@@ -1,6 +1,6 @@
-"""What a solve tells while it runs: the stages know nothing of progress bars or viewers.
+"""What a solve reports while it runs. The stages know nothing of progress bars or viewers.
 
-``gtlayout.method.solve`` calls an :class:`Observer` between them; this one ignores everything.
+``gtlayout.method.solve`` calls an :class:`Observer` between them. This class ignores everything.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Observer:
-    """Ignores what it is told. Subclasses override what they care for; the methods are called in this order."""
+    """Ignores all reports. Subclasses override the methods they need. The methods are called in this order."""
 
     def stage(self, name: str) -> None:
         """A stage begins."""
@@ -31,7 +31,7 @@ class Observer:
         """``done`` of ``total`` steps of the current stage are finished."""
 
     def scene(self, scene: Scene) -> None:
-        """What is solved."""
+        """The scene that is solved."""
 
     def tracks(self, tracks: Tracks) -> None:
         """Result of stage 1."""

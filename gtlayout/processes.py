@@ -1,4 +1,4 @@
-"""Several processes of one thread each: work that takes whole cores for a while. Quick to import."""
+"""Work in several processes of one thread each. Quick to import."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Item = TypeVar("Item")
 def in_processes(
     work: Callable[[Item], object], items: Sequence[Item], processes: int, progress: Callable[[int, int], None]
 ) -> None:
-    """Call ``work`` with each item in one of so many processes; ``progress`` is told (items done, items in all).
+    """Call ``work`` with each item in one of so many processes; ``progress`` is called with (items done, items in all).
 
     An exception, Ctrl-C too, stops all processes: in each ``work`` ends with SystemExit.
 
@@ -78,7 +78,7 @@ def _sent(item: object, here: Connection) -> Connection:
 
 
 def _serve(there: Connection, work: Callable[[Item], object]) -> None:
-    """Work on one item after another until nobody sends any."""
+    """Work on one item after another until no more are sent."""
     # Ctrl-C in a terminal reaches all processes: the one that was started by the user decides what comes of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
@@ -107,12 +107,12 @@ def _ended(exit_status: int | None) -> Exception:
 
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1")
-"""Environment of a process whose libraries are not to fight for the cores. OpenCV is to be told in the process."""
+"""Environment of a process whose libraries use one thread. OpenCV is set in the process."""
 
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """For processes started within."""
+    """Processes that are started within use one thread."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(ONE_THREAD)
     try:

@@ -1,6 +1,6 @@
 """The plain data every stage takes: cameras, frames, key frames, annotated elements.
 
-Conventions (everything is converted to these at the door, in ``gtlayout.io``):
+Conventions (``gtlayout.io`` converts everything to these when it is read):
 
 * camera axes are OpenCV's (x right, y down, z forward); poses are ``cam_from_world``: ``X_cam = R X_world + t``;
 * pixel (0, 0) is the top-left *corner* of the top-left pixel, so pixel centres lie at +0.5;
@@ -26,7 +26,7 @@ ImageArray = npt.NDArray[np.uint8]
 Label = Literal["floor", "ceiling", "wall", "slanted", "door", "window"]
 LABELS: tuple[Label, ...] = get_args(Label)
 OPENINGS: frozenset[Label] = frozenset({"door", "window"})
-"""Labels that lie in a host element (a wall, usually) instead of bounding the room themselves."""
+"""Labels that lie in a host instance (usually a wall) instead of bounding the room themselves."""
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class Camera:
 
     @property
     def annotation_scale(self) -> float:
-        """How many times as large an annotator's errors are, in pixels, as in an image of 640x480.
+        """Factor on an annotator's errors, in pixels, relative to an image of 640x480.
 
-        An image of twice the size is drawn on a screen of the same size. Smaller ones are zoomed into: never below 1.
+        A larger image is drawn on a screen of the same size. Annotators zoom into smaller ones, so it is at least 1.
         """
         return max(1.0, float(np.hypot(self.width, self.height)) / 800.0)
 
@@ -112,7 +112,7 @@ class Frame:
     name: str
     """The image's file name as the annotations call it."""
     image_path: Path
-    """The image file; where ``video`` is given there is none, and this is only what it would be called."""
+    """The image file; where ``video`` is given there is none, and this is only the name it would have."""
     camera: Camera
     undistort: Callable[[ImageArray], ImageArray] | None = None
     """Resamples the image file (or its depth map) to ``camera``; None when the file is pinhole already."""
@@ -126,7 +126,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Element:
-    """One structural element as drawn in one key frame."""
+    """What an annotator drew of one wall, floor, ceiling, slanted surface, door or window in one key frame."""
 
     id: str
     """The annotator's id: unique within its key frame, meaningless across frames."""
@@ -134,7 +134,7 @@ class Element:
     amodal: MultiPolygon
     """Its whole extent within the image, drawn through furniture, px."""
     visible: MultiPolygon
-    """Rough, textured parts that are really seen, px; may be empty."""
+    """Rough outlines of the textured parts that are seen, px; may be empty."""
 
 
 @dataclass(frozen=True)

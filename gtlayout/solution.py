@@ -1,4 +1,4 @@
-"""The layout and what led to it."""
+"""The result of a solve: the layout, and everything it was made from."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from gtlayout.tracking.tracks import Tracks
 
 @dataclass(frozen=True)
 class Solution:
-    """The layout and what led to it."""
+    """The layout, and everything it was made from."""
 
     scene: Scene
-    """As given, with what was skipped, joined or split on the way added to its warnings, and with refined cameras where
-    ``cameras.refined``.
+    """The given scene, with refined cameras where ``cameras.refined``. Its warnings also name what was skipped, joined
+    or split.
     """
     layout: Layout
     quality: Quality
@@ -40,18 +40,18 @@ class Solution:
     timings_s: dict[str, float]
     """Seconds of each stage, all restarts together."""
     cameras: CameraReport | None = None
-    """What refining the cameras came to; None when that was not asked for."""
+    """The result of refining the cameras; None without ``refine_cameras``."""
     config: Config = field(default_factory=Config)
-    """What it was solved with."""
+    """The configuration of the solve."""
 
     @property
     def planes(self) -> tuple[Plane, ...]:
-        """The layout's: who asks for nothing else may take a solution for its layout."""
+        """The layout's planes, so that a solution can be used like its layout."""
         return self.layout.planes
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """The layout's."""
+        """The layout's instances."""
         return self.layout.instances
 
     def mesh(self) -> trimesh.Trimesh:
@@ -64,10 +64,10 @@ class Solution:
 
 
 def best_of(run: Callable[[int], Solution], restarts: range) -> Solution:
-    """The first of those with the highest IoU. Raises GtlayoutError when there is none."""
+    """The solution with the highest IoU, the first of equals. Raises GtlayoutError when there is none."""
     best: Solution | None = None
     for restart in restarts:
-        # A random share of the tracks may be too few; the solve from all of them stands.
+        # A random share of the tracks may be too few. The solve from all tracks is not affected.
         with suppress(GtlayoutError) if restart else nullcontext():
             solution = run(restart)
             best = solution if best is None or solution.quality.iou > best.quality.iou else best

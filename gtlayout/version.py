@@ -1,3 +1,3 @@
-"""What this version is called; quick to import."""
+"""The version; quick to import."""
 
 __version__ = "0.1.0"

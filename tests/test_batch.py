@@ -146,7 +146,7 @@ class TestRunFolder:
         write_record(scene_folder(tmp_path, "d") / RECORD_FILE, other)
         write_record(scene_folder(tmp_path, "left") / RECORD_FILE, replace(SOLVED, scene="left"))
         (tmp_path / "scenes" / "b").mkdir()
-        (tmp_path / "scenes" / "b" / RECORD_FILE).write_text('{"format": "gtlayout-record/1", "scene": 3}')
+        (tmp_path / "scenes" / "b" / RECORD_FILE).write_text('{"format": "gtlayout-record/2", "scene": 3}')
         run = read_run(tmp_path)
         assert (run.scenes, run.records, run.config) == (("a", "b", "c", "d"), {"a": SOLVED}, {"seed": 0})
         assert run.version == "0.1.0+abc"

@@ -12,7 +12,7 @@ from gtlayout.quality.causes import causes
 from gtlayout.quality.config import QualityConfig
 
 SOUND = Support(
-    tracks=100, survived=0.6, parallax_deg=8.0, outvoted=0.0, contact_edges=3, edge_px=1.0, held_by="tracks"
+    tracks=100, survived=0.6, parallax_deg=8.0, outvoted=0.0, contact_edges=3, edge_px=1.0, dominant_evidence="tracks"
 )
 WALL = Instance("wall_0", "wall", ((0, 0),))
 
@@ -24,15 +24,15 @@ def _causes(support: Support, instance: Instance = WALL) -> tuple[str, ...]:
 
 def test_nothing_is_said_of_sound_support() -> None:
     assert _causes(SOUND) == ()
-    assert _causes(replace(SOUND, held_by="")) == ()
+    assert _causes(replace(SOUND, dominant_evidence="")) == ()
 
 
 @pytest.mark.parametrize(
     ("support", "said"),
     [
-        (replace(SOUND, held_by="priors"), "nothing but weak priors holds it"),
-        (replace(SOUND, held_by="right angles"), "mostly right angles hold it"),
-        (replace(SOUND, held_by="contact edges"), "mostly contact edges hold it"),
+        (replace(SOUND, dominant_evidence="priors"), "nothing but weak priors holds it"),
+        (replace(SOUND, dominant_evidence="right angles"), "mostly right angles hold it"),
+        (replace(SOUND, dominant_evidence="contact edges"), "mostly contact edges hold it"),
         (replace(SOUND, outvoted=0.6), "its tracks and contact edges disagree"),
         (replace(SOUND, edge_px=5.1), "its tracks and contact edges disagree"),
         (replace(SOUND, parallax_deg=1.36), "seen under 1.4° of parallax"),

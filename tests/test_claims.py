@@ -86,7 +86,7 @@ def test_a_blank_wall_is_placed_by_its_edges_alone(room: Room) -> None:
     planes = solve(room, tracks, edges).planes
     off = abs(errors(room, planes)[1][blank])
     assert planes[blank].observable
-    assert planes[blank].support.held_by == "contact edges"
+    assert planes[blank].support.dominant_evidence == "contact edges"
     assert off < 0.05
     assert off < 3 * offset_sigmas(room, planes)[blank] < 3 * 0.2
     bare = solve(room, tracks, [edge for edge in edges if blank not in edge.instances]).planes

@@ -214,7 +214,7 @@ def test_messages_in_troubleshooting_are_the_programs_own() -> None:
 def causes_of_weakness() -> list[str]:
     """Those that are put together of several words."""
     instance = Instance("wall_0", "wall", ())
-    supports = [Support(tracks, held_by=kind) for tracks in (0, 7) for kind in get_args(EvidenceKind)]
+    supports = [Support(tracks, dominant_evidence=kind) for tracks in (0, 7) for kind in get_args(EvidenceKind)]
     planes = [Plane(np.zeros(3), 0.0, np.eye(4), True, support=support) for support in supports]
     return [cause for plane in planes for cause in causes(instance, plane, QualityConfig())]
 

@@ -15,8 +15,8 @@ import rooms
 from rich.console import Console
 
 from gtlayout.config import Config
-from gtlayout.evaluation.element_scores import PlaneError
 from gtlayout.evaluation.evaluate import DepthError, Evaluation, evaluate
+from gtlayout.evaluation.instance_scores import PlaneError
 from gtlayout.export import export_layout
 from gtlayout.export.facts import facts, scene_facts
 from gtlayout.figures import figure, is_known, percent, short, sigma_figure, with_sigma
@@ -28,9 +28,9 @@ from gtlayout.report import page, report_data
 from gtlayout.results.tables import (
     camera_line,
     dimensions,
-    element_table,
     evaluation_table,
     headline_text,
+    instance_table,
     markdown,
     measures,
     reasons,
@@ -120,7 +120,7 @@ def _assert_never_said(texts: Iterable[str]) -> None:
 
 def test_tables_and_lines_say_what_is_not_known_in_words(unknown: tuple[Scene, Layout, Quality]) -> None:
     scene, layout, quality = unknown
-    table = _printed(element_table(layout, quality))
+    table = _printed(instance_table(layout, quality))
     refined = CameraReport("", np.nan, np.inf, np.nan, np.nan)
     _assert_never_said(
         [
@@ -169,7 +169,7 @@ def test_report_says_what_is_not_known_in_words(unknown: tuple[Scene, Layout, Qu
     _assert_never_said([text])
     assert "unknown" in text
     # What the 3D view is drawn from.
-    assert data["room"]["surfaces"][0]["sigma"][0] is None
+    assert data["room"]["instances"][0]["sigma"][0] is None
 
 
 @pytest.mark.parametrize("to", ["svg", "dxf"])

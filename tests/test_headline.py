@@ -58,10 +58,10 @@ def half_drawn(frames: int, of: int) -> Scene:
 
 
 def test_trust_says_what_it_rests_on() -> None:
-    assert headline() == Headline("trust", ("IoU 1.000, σ of depth 0.0 %; all elements are ok",))
+    assert headline() == Headline("trust", ("IoU 1.000, σ of depth 0.0 %; all instances are ok",))
     one_weak = headline([known_to(LEFT, 0.035), MIDDLE.plane, RIGHT.plane])
     assert one_weak == Headline(
-        "trust", ("IoU 1.000, σ of depth 1.2 %; 2 of 3 elements, 67 % of what is drawn, are ok",)
+        "trust", ("IoU 1.000, σ of depth 1.2 %; 2 of 3 instances, 67 % of what is drawn, are ok",)
     )
 
 
@@ -87,7 +87,7 @@ def test_frame_below_half_is_to_be_checked(iou: float, word: str) -> None:
     assert found.word == word
     if word == "check":
         assert found.reasons == (
-            "1 of 4 key frames is below an IoU of 0.51: look at drawings and camera of 0.png (0.500) first",
+            "1 of 4 key frames is below an IoU of 0.51: look at the elements and the camera of 0.png (0.500) first",
         )
 
 
@@ -146,10 +146,10 @@ def test_most_of_what_is_drawn_must_be_ok() -> None:
     planes = [known_to(LEFT, 0.035), known_to(MIDDLE, 0.035), RIGHT.plane]
     assert headline(planes) == Headline(
         "check",
-        ("only 1 of 3 elements, 33 % of what is drawn, are ok: look at wall_0 first, the largest of the others",),
+        ("only 1 of 3 instances, 33 % of what is drawn, are ok: look at wall_0 first, the largest of the others",),
     )
     assert headline([*planes[:2], known_to(RIGHT, 0.035)]).reasons == (
-        "no element is ok: look at wall_0 first, the largest",
+        "no instance is ok: look at wall_0 first, the largest",
     )
     assert headline(planes, min_ok_share=0.3).word == "trust"
 
@@ -189,7 +189,7 @@ def test_redo_wins_and_all_reasons_are_given() -> None:
 
 
 def test_drawing_too_small_to_be_sampled_is_no_crash() -> None:
-    """Two pixels between those of the grid: nothing is known of what is drawn, though the element is ok."""
+    """Two pixels between those of the grid: nothing is known of what is drawn, though the instance is ok."""
     surface = rooms.facing(1, 1, 3, 3)
     scene = rooms.seen_from([CAMERA], [surface])
     quality = assess(scene, rooms.instances_of([surface], 1), [surface.plane], [surface.extent], QualityConfig())

@@ -143,7 +143,7 @@ def test_the_higher_surface_is_in_front() -> None:
         "door": 1000,
         "window": 300,
     }
-    assert notes == ["element hidden: nothing of it is left before surfaces with a higher z-order, dropped"]
+    assert notes == ["element hidden: elements with a higher z-order cover all of it, dropped"]
 
 
 def _box(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
@@ -168,7 +168,7 @@ def test_shapes_of_the_wrong_kind_are_told(tiny: Path) -> None:
     assert len(key_frame.occlusion_edges) == 1
     assert [w.split(" dropped")[0] for w in warnings] == [
         "x.xml: 1 shapes with unknown label 'sofa'",
-        "001, shape 2 (wall): a polyline is no surface,",
+        "001, shape 2 (wall): a polyline encloses no area,",
         "001, shape 3 (occlusion edge): an occlusion edge is a polyline, the polygon was",
     ]
 

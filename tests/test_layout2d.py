@@ -18,7 +18,7 @@ import rooms
 
 import layout2d
 from common.metrics import read_rows
-from common.wireframe import Edge, group_elements, visible_edges, visible_regions
+from common.wireframe import Edge, segments_of, visible_edges, visible_regions
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.raster import fill, rings_of
@@ -61,8 +61,8 @@ TRUTH = _labels(1, 1, 2, 3)
         pytest.param(_labels(1, 2, 2, 3), 1 / 4, id="one strip wrong"),
         pytest.param(_labels(1, 4, 2, 3), 1 / 4, id="a segment too many"),
         pytest.param(_labels(1, 1, 1, 3), 1 / 4, id="a segment too few"),
-        pytest.param(_labels(1, 2, 1, 2), 1 / 2, id="one to one: 1 and 2 both lie half in the first element"),
-        pytest.param(_labels(0, 0, 0, 0), 1 / 2, id="empty: one segment, matched to the largest element"),
+        pytest.param(_labels(1, 2, 1, 2), 1 / 2, id="one to one: 1 and 2 both lie half in the first segment"),
+        pytest.param(_labels(0, 0, 0, 0), 1 / 2, id="empty: one segment, matched to the largest segment"),
         pytest.param(np.zeros((1, 1), dtype=np.int64), 1 / 2, id="one pixel"),
         pytest.param(TRUTH[::2, ::5], 0.0, id="smaller"),
         pytest.param(np.kron(TRUTH, np.ones((3, 2), dtype=np.int64)), 0.0, id="larger"),
@@ -111,7 +111,7 @@ def test_label_image_of_the_box_room() -> None:
 
 
 def test_openings_belong_to_their_walls() -> None:
-    """A door in the second wall; one without a host is an element of its own; where nothing is, 0."""
+    """A door in the second wall; one without a host is a segment of its own; where nothing is, 0."""
     first, second = rooms.facing(0, 0, 40, 80), rooms.facing(40, 0, 80, 80)
     hosted = rooms.Surface("door", rooms.facing(50, 20, 60, 80).corners * 1.01, host=1)
     alone = rooms.facing(85, 20, 95, 80, "door")
@@ -119,11 +119,11 @@ def test_openings_belong_to_their_walls() -> None:
     labels = label_image(layout, rooms.facing_camera())
     for columns, label in ((slice(0, 40), 1), (slice(40, 80), 2), (slice(80, 85), 0), (slice(85, 95), 3)):
         assert (labels[30:, columns] == label).all()
-    assert [edge.elements for edge in visible_edges(layout, rooms.facing_camera())] == [(0, 1)]
+    assert [edge.segments for edge in visible_edges(layout, rooms.facing_camera())] == [(0, 1)]
 
 
-def test_more_elements_than_a_label_image_holds() -> None:
-    with pytest.raises(GtlayoutError, match="256 elements"):
+def test_more_segments_than_a_label_image_holds() -> None:
+    with pytest.raises(GtlayoutError, match="256 segments"):
         label_image(_layout(*[rooms.facing(0, 0, 10, 10)] * 256), rooms.facing_camera())
 
 
@@ -147,7 +147,7 @@ def test_visible_regions_are_what_is_rendered(seed: int) -> None:
     layout = _layout(*rooms.BOX, door, *boards)
     camera = _turned(rooms.level_camera(rng.uniform([1, 1, 0.5], [3, 3, 2])), *rng.uniform(-1.5, 1.5, 2))
     labels, regions = label_image(layout, camera), visible_regions(layout, camera)
-    for label, members in enumerate(group_elements(layout.instances), start=1):
+    for label, members in enumerate(segments_of(layout.instances), start=1):
         found = [fill(rings_of(regions[i]), camera.height, camera.width) for i in members]
         np.testing.assert_array_equal(np.any(found, axis=0), labels == label)
 
@@ -165,7 +165,7 @@ def test_wireframe_of_the_box_room() -> None:
     around = [np.array([CORNERS[k], CORNERS[(k + 1) % 4]]) for k in range(4)]
     outward = [np.array([CORNERS[k], IMAGE_CORNERS[k]]) for k in range(4)]
     assert _as_set([edge.points_px for edge in edges]) == _as_set([*around, *outward])
-    floor_far = next(edge for edge in edges if edge.elements == (0, 4))
+    floor_far = next(edge for edge in edges if edge.segments == (0, 4))
     np.testing.assert_allclose(floor_far.points_px[:, 1], 75, atol=0.05)
 
 
@@ -173,7 +173,7 @@ def test_nearer_surface_has_an_occlusion_edge_round_it() -> None:
     wall, board = rooms.facing(20, 20, 80, 60), rooms.Surface("wall", rooms.facing(30, 30, 50, 50).corners * 0.5)
     (edge,) = visible_edges(_layout(wall, board), rooms.facing_camera())
     assert edge.kind == "occlusion"
-    assert edge.elements == (1, 0), "the nearer one first"
+    assert edge.segments == (1, 0), "the nearer one first"
     assert _as_set([edge.points_px]) == _as_set([np.array([[30.0, 30], [50, 30], [50, 50], [30, 50]])])
     np.testing.assert_allclose(edge.points_px[0], edge.points_px[-1], atol=0.05)
 
@@ -181,14 +181,14 @@ def test_nearer_surface_has_an_occlusion_edge_round_it() -> None:
 def test_contact_and_occlusion_along_one_pair() -> None:
     """A partition from the left wall into the room stands on the floor, and its free end hides the right wall."""
     partition = rooms.Surface("wall", rooms.rectangle([0, 3, 0], [2, 0, 0], [0, 0, 2.5]))
-    edges = {edge.elements: edge for edge in visible_edges(_layout(*rooms.BOX, partition), MIDDLE)}
+    edges = {edge.segments: edge for edge in visible_edges(_layout(*rooms.BOX, partition), MIDDLE)}
     # At depth 2 its foot lies at y = 50 + 1.25 · 80 / 2 = 100, the image's border; at x = 2 its end is the middle.
     end = edges[(6, 4)]
     assert end.kind == "occlusion"
     np.testing.assert_allclose(end.points_px[:, 0], 80, atol=0.05)
     assert sorted(end.points_px[:, 1]) == pytest.approx([25, 75], abs=0.05)
     further = _layout(*rooms.BOX, rooms.Surface("wall", partition.corners + np.array([0, 1, 0])))
-    kinds = {edge.elements: edge.kind for edge in visible_edges(further, MIDDLE)}
+    kinds = {edge.segments: edge.kind for edge in visible_edges(further, MIDDLE)}
     assert kinds[(0, 6)] == kinds[(1, 6)] == kinds[(2, 6)] == "contact"
     assert kinds[(6, 4)] == "occlusion"
 
@@ -244,7 +244,7 @@ def test_commands_render_and_score(solved: Path) -> None:
     files = {f"{k:03d}{end}" for k in (1, 3) for end in (".png", "_wireframe.json", "_wireframe.png")}
     assert {path.name for path in true.iterdir()} == files | {"index.json"}
     index = json.loads((true / "index.json").read_text())
-    assert [(e["label"], e["name"], e["class"]) for e in index["elements"]] == [
+    assert [(e["label"], e["name"], e["class"]) for e in index["segments"]] == [
         (1, "wall_0", "wall"),
         (2, "wall_1", "wall"),
     ]
@@ -281,7 +281,7 @@ def test_every_frame_on_demand_and_many_scenes_at_once(solved: Path) -> None:
 
 def test_frame_without_any_layout_is_left_out(tmp_path: Path) -> None:
     frames = [{"image": f"{k}.jpg", "labels": f"{k}.png"} for k in range(2)]
-    write_json_atomic(tmp_path / "index.json", {"format": layout2d.INDEX_FORMAT, "elements": [], "frames": frames})
+    write_json_atomic(tmp_path / "index.json", {"format": layout2d.INDEX_FORMAT, "segments": [], "frames": frames})
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((4, 4), dtype=np.uint8))
     cv2.imwrite(str(tmp_path / "1.png"), np.ones((4, 4), dtype=np.uint8))
     assert list(score_folder(tmp_path, tmp_path)) == ["1.jpg"]

@@ -25,7 +25,7 @@ from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality.assess import Quality, assess
 from gtlayout.results.layout_files import read_layout, write_results
-from gtlayout.results.tables import dimensions, element_table, headline_text, markdown, measures, reasons
+from gtlayout.results.tables import dimensions, headline_text, instance_table, markdown, measures, reasons
 from gtlayout.scene import Scene
 
 DOOR = rooms.Surface("door", rooms.rectangle([1.5, 5.0, 0], [1.0, 0, 0], [0, 0, 2.0]), host=4)
@@ -102,7 +102,7 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     data = json.loads((tmp_path / "layout.json").read_text(), parse_constant=pytest.fail)
     assert data["metric"] is True
     assert data["seed"] == 7
-    door, ceiling = data["elements"][5], data["elements"][1]
+    door, ceiling = data["instances"][5], data["instances"][1]
     assert door["host"] == "wall_4"
     assert door["members"][1] == {"image": "1.png", "element": "e5"}
     assert door["extent"]["area"] == pytest.approx(2.0)
@@ -111,11 +111,11 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     assert len(corners) == 4
     assert ceiling["plane"]["normal"] == [None] * 3
     assert ceiling["verdict"] == "unobservable"
-    assert len(data["elements"][2]["extent"]["polygons"][0]) == 2
+    assert len(data["instances"][2]["extent"]["polygons"][0]) == 2
     assert data["headline"] == {"word": "redo", "reasons": list(quality.headline.reasons)}
     assert data["predicted"] == quality.predicted == "doubtful", "the ceiling is unknown"
     assert ceiling["causes"] == ["no point on it could be tracked", "no contact edge"]
-    assert data["elements"][0]["plane"]["support"]["parallax_deg"] == 1.25
+    assert data["instances"][0]["plane"]["support"]["parallax_deg"] == 1.25
     assert data["dimensions"][0]["between"] == ["wall_4", "floor_0"]
     assert data["dimensions"][0]["sigma"] == 0.0125
     mesh = data["mesh"]
@@ -124,7 +124,7 @@ def test_layout_json_says_what_a_reader_needs(tmp_path: Path, solved: tuple[Scen
     covariance = layout.planes[0].covariance
     point = np.array([4.0, 0, 0, 1])
     assert mesh["vertex_sigma"][corner] == pytest.approx(np.sqrt(point @ covariance @ point))
-    assert mesh["face_element"].count("door_5") == 2
+    assert mesh["face_instance"].count("door_5") == 2
     config = json.loads((tmp_path / "config.json").read_text())
     assert config["config"]["seed"] == 7
     assert {"gtlayout", "python", "gtsam", "shapely"} <= set(config["versions"])
@@ -240,32 +240,32 @@ def test_layout_without_any_surface_is_written_too(tmp_path: Path, solved: tuple
 DAMAGE: dict[str, Callable[[Any], object]] = {
     "other format": lambda data: data.update(format="gtlayout-layout/99"),
     "no format": lambda data: data.pop("format"),
-    "no elements": lambda data: data.pop("elements"),
-    "elements null": lambda data: data.update(elements=None),
-    "elements a number": lambda data: data.update(elements=3),
-    "element a text": lambda data: data["elements"].append("wall"),
-    "no plane": lambda data: data["elements"][0].pop("plane"),
-    "plane a list": lambda data: data["elements"][0].update(plane=[]),
-    "normal of two": lambda data: data["elements"][0]["plane"].update(normal=[0.0, 1.0]),
-    "normal a text": lambda data: data["elements"][0]["plane"].update(normal="up"),
-    "covariance 3x3": lambda data: data["elements"][0]["plane"].update(covariance=np.eye(3).tolist()),
-    "d a list": lambda data: data["elements"][0]["plane"].update(d=[1.0, 2.0]),
-    "axes of one": lambda data: data["elements"][0]["extent"].update(axes=[[1.0, 0.0, 0.0]]),
-    "polygon of two points": lambda data: data["elements"][0]["extent"].update(polygons=[[[[0, 0, 0], [1, 0, 0]]]]),
-    "polygon in 2D": lambda data: data["elements"][0]["extent"].update(polygons=[[[[0, 0], [1, 0], [1, 1]]]]),
-    "polygon empty": lambda data: data["elements"][0]["extent"].update(polygons=[[]]),
-    "unknown host": lambda data: data["elements"][5].update(host="wall_9"),
-    "unknown label": lambda data: data["elements"][0].update(label="roof"),
-    "member a number": lambda data: data["elements"][0].update(members=[1]),
-    "no support": lambda data: data["elements"][0]["plane"].pop("support"),
-    "unknown support": lambda data: data["elements"][0]["plane"]["support"].update(held_by="faith"),
+    "no instances": lambda data: data.pop("instances"),
+    "instances null": lambda data: data.update(instances=None),
+    "instances a number": lambda data: data.update(instances=3),
+    "instance a text": lambda data: data["instances"].append("wall"),
+    "no plane": lambda data: data["instances"][0].pop("plane"),
+    "plane a list": lambda data: data["instances"][0].update(plane=[]),
+    "normal of two": lambda data: data["instances"][0]["plane"].update(normal=[0.0, 1.0]),
+    "normal a text": lambda data: data["instances"][0]["plane"].update(normal="up"),
+    "covariance 3x3": lambda data: data["instances"][0]["plane"].update(covariance=np.eye(3).tolist()),
+    "d a list": lambda data: data["instances"][0]["plane"].update(d=[1.0, 2.0]),
+    "axes of one": lambda data: data["instances"][0]["extent"].update(axes=[[1.0, 0.0, 0.0]]),
+    "polygon of two points": lambda data: data["instances"][0]["extent"].update(polygons=[[[[0, 0, 0], [1, 0, 0]]]]),
+    "polygon in 2D": lambda data: data["instances"][0]["extent"].update(polygons=[[[[0, 0], [1, 0], [1, 1]]]]),
+    "polygon empty": lambda data: data["instances"][0]["extent"].update(polygons=[[]]),
+    "unknown host": lambda data: data["instances"][5].update(host="wall_9"),
+    "unknown label": lambda data: data["instances"][0].update(label="roof"),
+    "member a number": lambda data: data["instances"][0].update(members=[1]),
+    "no support": lambda data: data["instances"][0]["plane"].pop("support"),
+    "unknown support": lambda data: data["instances"][0]["plane"]["support"].update(dominant_evidence="faith"),
     "no dimensions": lambda data: data.pop("dimensions"),
     "dimension of another kind": lambda data: data["dimensions"][0].update(kind="time"),
     "dimension to nowhere": lambda data: data["dimensions"][0].update(between=["wall_4", "wall_9"]),
     "one end": lambda data: data["dimensions"][0].update(ends=[[0, 0, 0]]),
     "no mesh": lambda data: data.pop("mesh"),
     "face without vertex": lambda data: data["mesh"]["faces"][0].__setitem__(0, 999),
-    "face without element": lambda data: data["mesh"]["face_element"].pop(),
+    "face without instance": lambda data: data["mesh"]["face_instance"].pop(),
     "no metric": lambda data: data.pop("metric"),
 }
 
@@ -310,7 +310,7 @@ def test_folder_that_takes_no_files_is_one_clear_line(tmp_path: Path, solved: tu
 
 def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> None:
     scene, layout, quality = solved
-    table = element_table(layout, quality)
+    table = instance_table(layout, quality)
     assert table.row_count == len(SURFACES)
     headline = quality.headline
     assert headline.word == "redo", "without the ceiling the IoU is too low"

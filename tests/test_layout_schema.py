@@ -53,7 +53,7 @@ def test_the_committed_schema_is_the_code_s() -> None:
 
 
 def test_what_is_written_is_valid(written: Any, validator: Draft202012Validator) -> None:
-    assert written["elements"][4]["plane"]["normal"] == [None, None, None]
+    assert written["instances"][4]["plane"]["normal"] == [None, None, None]
     validator.validate(written)
 
 
@@ -63,11 +63,11 @@ def test_what_is_written_is_valid(written: Any, validator: Draft202012Validator)
         (lambda data: data.pop("metric"), []),
         (lambda data: data.update(colour="red"), []),
         (lambda data: data.update(format="gtlayout-layout/1"), ["format"]),
-        (lambda data: data["elements"][0]["plane"]["normal"].pop(), ["elements", 0, "plane", "normal"]),
-        (lambda data: data["elements"][1].update(label="roof"), ["elements", 1, "label"]),
-        (lambda data: data["elements"][1].update(host=0), ["elements", 1, "host"]),
-        (lambda data: data["elements"][2]["plane"]["support"].update(tracks=0.5), None),
-        (lambda data: data["elements"][2]["extent"]["polygons"][0][0][0].pop(), None),
+        (lambda data: data["instances"][0]["plane"]["normal"].pop(), ["instances", 0, "plane", "normal"]),
+        (lambda data: data["instances"][1].update(label="roof"), ["instances", 1, "label"]),
+        (lambda data: data["instances"][1].update(host=0), ["instances", 1, "host"]),
+        (lambda data: data["instances"][2]["plane"]["support"].update(tracks=0.5), None),
+        (lambda data: data["instances"][2]["extent"]["polygons"][0][0][0].pop(), None),
         (lambda data: data["mesh"]["faces"][0].append(0), ["mesh", "faces", 0]),
         (lambda data: data["mesh"]["vertices"][0].__setitem__(0, None), ["mesh", "vertices", 0, 0]),
     ],

@@ -59,7 +59,7 @@ def test_reading_the_uncertainty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     wanted = """{
         "within": within,
         "sigmas_cm": {name: np.median([100 * p.sigma_depth_m for p in s.layout.planes]) for name, s in solved.items()},
-        "held_by": [[s.layout.planes[i].support.held_by for i in walls] for s in held.values()],
+        "dominant_evidence": [[s.layout.planes[i].support.dominant_evidence for i in walls] for s in held.values()],
         "observable": [[s.layout.planes[i].observable for i in walls] for s in held.values()],
         "shares": sigmas,
         "refusal": refusal,
@@ -67,9 +67,9 @@ def test_reading_the_uncertainty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     found = run("02_reading_the_uncertainty.ipynb", tmp_path, monkeypatch, wanted)
     assert found["within"] >= 0.85
     assert found["sigmas_cm"]["poor"] > 1.2 * found["sigmas_cm"]["good"]
-    assert found["held_by"][0] == ["tracks", "tracks"]
-    assert found["held_by"][1] == ["contact edges", "contact edges"]
-    assert "tracks" not in found["held_by"][2]
+    assert found["dominant_evidence"][0] == ["tracks", "tracks"]
+    assert found["dominant_evidence"][1] == ["contact edges", "contact edges"]
+    assert "tracks" not in found["dominant_evidence"][2]
     assert found["observable"][1] == [True, True]
     assert False in found["observable"][2]
     assert found["shares"][0] > 2 * found["shares"][-1]

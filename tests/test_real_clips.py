@@ -13,8 +13,8 @@ from jsonschema import validate
 
 from gtlayout.api import load_solved
 from gtlayout.cli.app import main
-from gtlayout.evaluation.element_scores import match_instances, plane_error
 from gtlayout.evaluation.evaluate import evaluate
+from gtlayout.evaluation.instance_scores import match_instances, plane_error
 from gtlayout.geometry.depth import median_depth
 from gtlayout.io.truth import read_truth
 from gtlayout.results.layout_format import layout_schema
@@ -66,7 +66,7 @@ def test_no_wrong_plane_looks_certain(solved: tuple[Path, dict[str, Any]]) -> No
     """No more than one true plane lies outside 3 σ of the depth; the truth itself is good to 2-3 cm."""
     out, found = solved
     layout = json.loads((out / "layout.json").read_text())
-    sigma = {element["name"]: element["plane"]["sigma_depth"] for element in layout["elements"]}
+    sigma = {instance["name"]: instance["plane"]["sigma_depth"] for instance in layout["instances"]}
     assert len(found["planes"]) >= 4
     assert sum(plane["offset"] > 3 * sigma[plane["instance"]] for plane in found["planes"]) <= 1
 

@@ -80,7 +80,7 @@ def test_data_says_what_the_layout_is(solution: Solution) -> None:
     assert data["headline"] == asdict(solution.quality.headline)
     assert data["accepted"] == solution.quality.accepted
     for row, instance, judged in zip(
-        data["elements"], solution.layout.instances, solution.quality.instances, strict=True
+        data["instances"], solution.layout.instances, solution.quality.instances, strict=True
     ):
         assert (row["name"], row["verdict"], row["iou"]) == (instance.name, judged.verdict, judged.iou)
         assert (row["sigma_depth"], row["depth"]) == (judged.sigma_depth, judged.depth)
@@ -99,7 +99,7 @@ def test_room_is_shown_upright_with_its_sigma(solution: Solution) -> None:
     np.testing.assert_allclose(turn @ by_name["floor_0"].normal, [0, 0, 1], atol=1e-12)
     room = said(solution)["room"]
     assert isinstance(room, dict)
-    for surface in room["surfaces"]:
+    for surface in room["instances"]:
         points = np.array(surface["vertices"]).T
         plane = by_name[surface["name"]]
         np.testing.assert_allclose(surface["sigma"], plane.sigma_offset(points @ turn), rtol=1e-2)
@@ -128,7 +128,7 @@ def test_page_begins_with_the_headline(solution: Solution, word: Word, colour: s
     first = html.index(f'<h2><span class="{colour}">{word.capitalize()}</span>: the &lt;first&gt; reason</h2>')
     assert f'<section id="verdict" class="verdict {word}">' in html
     assert first < html.index("<li>another</li>") < html.index("accepted</b>") < html.index("predicted <b")
-    assert html.index("predicted <b") < html.index('<section id="elements">')
+    assert html.index("predicted <b") < html.index('<section id="instances">')
 
 
 def test_many_key_frames_are_shown_smaller() -> None:
@@ -182,8 +182,8 @@ def test_report_works_in_a_browser(hostile: Path, page: Page, problems: list[str
     page.goto((hostile / "gtlayout/report.html").as_uri())
 
     # Names stay text.
-    assert page.locator("#elements td", has_text=NAME).count() >= 1
-    assert page.locator("#element-legend span", has_text=NAME).count() == 1
+    assert page.locator("#instances td", has_text=NAME).count() >= 1
+    assert page.locator("#instance-legend span", has_text=NAME).count() == 1
     assert page.locator("svg.annotation text", has_text=NAME).count() >= 1
     page.locator("#verdict summary").click()
     assert page.locator("#verdict li", has_text=WARNING).is_visible()
@@ -197,24 +197,24 @@ def test_report_works_in_a_browser(hostile: Path, page: Page, problems: list[str
         assert shown.is_visible() == (layer == "differences")
 
     # The table sorts, numbers as numbers, both ways.
-    column = "#elements tbody td:nth-child(5)"
+    column = "#instances tbody td:nth-child(5)"
     for descending in (False, True):
-        page.locator("#elements th button", has_text="tracks").click()
+        page.locator("#instances th button", has_text="tracks").click()
         tracks = [int(text) for text in page.locator(column).all_inner_texts()]
         assert tracks == sorted(tracks, reverse=descending)
-    assert page.locator("#elements th[aria-sort]").get_attribute("aria-sort") == "descending"
+    assert page.locator("#instances th[aria-sort]").get_attribute("aria-sort") == "descending"
 
     # The room is drawn, in other colours by σ, and in the first ones again.
     page.wait_for_selector("#room-view[data-drawn]", timeout=60_000)
-    by_element = pixels(page)
-    assert colored(by_element) > 0.05
+    by_instance = pixels(page)
+    assert colored(by_instance) > 0.05
     page.locator("[data-mode=sigma]").click()
     assert page.locator("#sigma-legend").is_visible()
     by_sigma = pixels(page)
     assert colored(by_sigma) > 0.05
-    assert np.abs(by_sigma.astype(int) - by_element).max(axis=-1).mean() > 3
-    page.locator("[data-mode=element]").click()
-    assert np.abs(pixels(page).astype(int) - by_element).mean() < 1
+    assert np.abs(by_sigma.astype(int) - by_instance).max(axis=-1).mean() > 3
+    page.locator("[data-mode=instance]").click()
+    assert np.abs(pixels(page).astype(int) - by_instance).mean() < 1
     assert problems == []
 
 
@@ -222,5 +222,5 @@ def test_report_fits_a_phone(hostile: Path, page: Page, problems: list[str]) -> 
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto((hostile / "gtlayout/report.html").as_uri())
     assert page.evaluate("document.documentElement.scrollWidth") == 390
-    assert page.evaluate("document.querySelector('#elements .scroll').scrollWidth") > 390, "its table scrolls"
+    assert page.evaluate("document.querySelector('#instances .scroll').scrollWidth") > 390, "its table scrolls"
     assert problems == []

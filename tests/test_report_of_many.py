@@ -98,7 +98,7 @@ def test_page_alone_says_what_is_missing(pages: Path, tmp_path: Path, page: Page
     shutil.copy(pages / "scenes/a/report.html", tmp_path)
     page.goto((tmp_path / "report.html").as_uri())
     page.locator("#room-view", has_text="plotly.min.js").wait_for()
-    assert page.locator("#elements tbody tr").count() > 0
+    assert page.locator("#instances tbody tr").count() > 0
 
 
 def decoded(jpeg: bytes) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

@@ -44,7 +44,7 @@ def solved(scene: str, iou: float, headline: Word | None = "trust", **more: Any)
         "iou": iou,
         "sigma_depth_share": 0.02,
         "metric": True,
-        "elements": 6,
+        "instances": 6,
         "weak": 1,
         "unobservable": 1,
         "worst_element": "wall_1 = e2 in 000010.jpg",

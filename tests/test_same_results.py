@@ -37,11 +37,23 @@ def test_renamed_keys_are_no_difference(
     for name in ("layout.json", "quality.json"):
         after.joinpath("clips/office", name).write_text(json.dumps({"surfaces": [{"d": [1.0]}]}))
     assert main(["compare", str(before), str(after)]) == 1
-    monkeypatch.setattr(same_results, "RENAMED", {"planes": "surfaces"})
+    monkeypatch.setattr(same_results, "RENAMED", {"layout.json": {"planes": "surfaces"}})
+    assert main(["compare", str(before), str(after)]) == 1
+    assert "1 of 4 files differ: clips/office/quality.json" in capsys.readouterr().err.splitlines()[-1]
+    monkeypatch.setattr(same_results, "RENAMED", {name: {"planes": "surfaces"} for name in FILES})
     assert main(["compare", str(before), str(after)]) == 0
     after.joinpath("clips/office/layout.json").write_text(json.dumps({"surfaces": [{"d": [2.0]}]}))
     assert main(["compare", str(before), str(after)]) == 1
     assert "1 of 4 files differ" in capsys.readouterr().err
+
+
+def test_reworded_texts_are_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, after = _results(tmp_path / "before", [1.0]), _results(tmp_path / "after", [1.0])
+    for root, words in ((before, "wall_0 lies off"), (after, "wall_0 is off")):
+        root.joinpath("clips/office/quality.json").write_text(json.dumps({"reasons": [words]}))
+    assert main(["compare", str(before), str(after)]) == 1
+    monkeypatch.setattr(same_results, "REWORDED", {"lies off": "is off"})
+    assert main(["compare", str(before), str(after)]) == 0
 
 
 def test_scenes_are_solved_into_folders_of_their_own(

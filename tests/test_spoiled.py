@@ -18,7 +18,7 @@ from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Label, Scene
-from variants import spoiled_cameras, spoiled_drawings
+from variants import spoiled_cameras, spoiled_elements
 from variants.degradations import degradations, kind_of
 from variants.spoiled_cameras import path_length
 
@@ -112,7 +112,7 @@ def areas(drawn: list[tuple[int, Element]]) -> list[float]:
 
 def test_an_edge_moves_in_all_elements_that_share_it() -> None:
     edge = np.array([[40.0, 60.0], [40.0, 0.0]])
-    found = spoiled_drawings.shifted_edge(DRAWN, edge, 15.0, VIEW)
+    found = spoiled_elements.shifted_edge(DRAWN, edge, 15.0, VIEW)
     moved = abs(areas(found)[0] - LEFT.amodal.area)
     assert moved == pytest.approx(15 * 60)
     assert areas(found)[0] + areas(found)[1] == pytest.approx(100 * 60)
@@ -121,50 +121,50 @@ def test_an_edge_moves_in_all_elements_that_share_it() -> None:
 
 
 def test_the_longest_edge_is_none_of_the_image_border() -> None:
-    edge = spoiled_drawings.longest_edge(RIGHT, VIEW)
+    edge = spoiled_elements.longest_edge(RIGHT, VIEW)
     assert edge is not None
     # 60 px along the floor and 60 px along the wall; the other two run along the image.
     assert np.linalg.norm(edge[1] - edge[0]) == 60
-    assert spoiled_drawings.longest_edge(element("a", "wall", box(0, 0, 100, 80)), VIEW) is None
+    assert spoiled_elements.longest_edge(element("a", "wall", box(0, 0, 100, 80)), VIEW) is None
 
 
 def test_an_element_moves_within_the_image() -> None:
-    found = spoiled_drawings.shifted_element(DRAWN, 1, np.array([15.0, 0.0]), VIEW)
+    found = spoiled_elements.shifted_element(DRAWN, 1, np.array([15.0, 0.0]), VIEW)
     assert found[1][1].amodal.bounds == (55, 0, 100, 60)
     assert found[1][1].visible.bounds == (55, 0, 100, 60)
     assert (found[0], found[2]) == (DRAWN[0], DRAWN[2])
-    gone = spoiled_drawings.shifted_element(DRAWN, 1, np.array([150.0, 0.0]), VIEW)
+    gone = spoiled_elements.shifted_element(DRAWN, 1, np.array([150.0, 0.0]), VIEW)
     assert [number for number, _ in gone] == [0, 2]
 
 
 def test_jitter_moves_every_vertex_within_the_image() -> None:
     inner = list(enumerate([element("i", "wall", box(30, 30, 70, 60))]))
     corners = [
-        shapely.get_coordinates(spoiled_drawings.jittered(inner, 2.0, VIEW, np.random.default_rng(i))[0][1].amodal)
+        shapely.get_coordinates(spoiled_elements.jittered(inner, 2.0, VIEW, np.random.default_rng(i))[0][1].amodal)
         for i in range(50)
     ]
     off = np.concatenate([shapely.get_coordinates(inner[0][1].amodal)[:4, None] - of[None, :4] for of in corners])
     nearest = np.abs(off).sum(axis=2).min(axis=1)
     assert 1 < nearest.mean() < 4
-    found = spoiled_drawings.jittered(DRAWN, 8.0, VIEW, np.random.default_rng(0))
+    found = spoiled_elements.jittered(DRAWN, 8.0, VIEW, np.random.default_rng(0))
     assert all(shapely.box(0, 0, 100, 80).covers(of.amodal) and of.amodal.is_valid for _, of in found)
 
 
 def test_labels_and_visible_parts() -> None:
-    swapped = spoiled_drawings.swapped_labels(DRAWN, 0, 2)
+    swapped = spoiled_elements.swapped_labels(DRAWN, 0, 2)
     assert [of.label for _, of in swapped] == ["floor", "door", "wall"]
     assert [of.amodal for _, of in swapped] == [of.amodal for _, of in DRAWN]
     half_hidden = element("h", "wall", box(0, 0, 40, 60), box(0, 0, 40, 20))
-    (hidden, open_) = spoiled_drawings.visible_on_furniture([(0, half_hidden), (1, RIGHT)])
+    (hidden, open_) = spoiled_elements.visible_on_furniture([(0, half_hidden), (1, RIGHT)])
     assert hidden[1].visible.bounds == (0, 20, 40, 60)
     assert open_[1] == RIGHT
 
 
 def test_which_element_is_spoiled() -> None:
-    assert spoiled_drawings.largest(DRAWN) == 1
-    assert spoiled_drawings.largest(DRAWN, ("wall",)) == 0
-    assert spoiled_drawings.largest_of_another_label(DRAWN, 1) == 0
-    assert spoiled_drawings.largest_of_another_label(DRAWN[:1], 0) is None
+    assert spoiled_elements.largest(DRAWN) == 1
+    assert spoiled_elements.largest(DRAWN, ("wall",)) == 0
+    assert spoiled_elements.largest_of_another_label(DRAWN, 1) == 0
+    assert spoiled_elements.largest_of_another_label(DRAWN[:1], 0) is None
 
 
 @pytest.fixture(scope="module")

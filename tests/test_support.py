@@ -39,7 +39,7 @@ def test_support_counts_what_went_in() -> None:
     assert support.edge_px < 3.0
     assert support.parallax_deg > 5.0
     bare = planes[wall].support
-    assert bare.held_by == "contact edges"
+    assert bare.dominant_evidence == "contact edges"
     assert bare.tracks == 0
     assert np.isnan([bare.survived, bare.parallax_deg, bare.outvoted]).all()
     assert bare.contact_edges == sum(wall in edge.instances for edge in edges) > 0

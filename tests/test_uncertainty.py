@@ -198,7 +198,7 @@ def test_covariances_are_of_planes_and_absent_ones_have_none(truth: Truth) -> No
     for s in (0, 2, 3):
         np.testing.assert_allclose(blocks[s, :3, s, :3] @ planes[s, :3], 0, atol=1e-12)
         assert np.linalg.matrix_rank(blocks[s, :, s], tol=1e-10) == 3
-    assert found.held_by[1] == "" and "" not in np.delete(found.held_by, 1)
+    assert found.dominant_evidence[1] == "" and "" not in np.delete(found.dominant_evidence, 1)
 
 
 def test_the_same_evidence_gives_the_same_bytes(truth: Truth) -> None:
@@ -234,7 +234,7 @@ def test_what_a_wall_rests_on(box: Truth, tracks: bool, neighbours: tuple[str, .
         evidence.track_instance if tracks else np.where(evidence.track_instance == wall, -1, evidence.track_instance)
     )
     apart = replace(evidence, track_instance=surface, edges=tuple(edges))
-    held = plane_uncertainty(box.tracks, apart, box.planes, EstimationConfig()).held_by
+    held = plane_uncertainty(box.tracks, apart, box.planes, EstimationConfig()).dominant_evidence
     assert labels[wall] == "wall"
     assert held[wall] == expected
     assert [held[s] for s in others] == ["tracks"] * len(others)
@@ -258,5 +258,5 @@ def test_a_window_in_its_wall_rests_on_what_the_wall_rests_on(box: Truth) -> Non
         edges=tuple(group for group in evidence.edges if two not in group.instances),
         track_instance=np.where(evidence.track_instance == two, -1, evidence.track_instance),
     )
-    held = plane_uncertainty(box.tracks, inside, planes, EstimationConfig()).held_by
+    held = plane_uncertainty(box.tracks, inside, planes, EstimationConfig()).dominant_evidence
     assert held[one] == held[two] == "tracks"

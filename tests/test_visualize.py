@@ -134,7 +134,7 @@ def test_iou_of_each_element_is_a_series(logged: tuple[Solution, Path, Log]) -> 
     )
     for index, instance in enumerate(solution.layout.instances):
         own = {scene.key_frames[e.key_frame].frame: e.iou for e in quality.elements if e.instance == index}
-        assert _scalars(log[f"/quality/elements/{instance.name}"], "frame") == pytest.approx(own)
+        assert _scalars(log[f"/quality/instances/{instance.name}"], "frame") == pytest.approx(own)
 
 
 def _scalars(chunks: list[Chunk], timeline: str) -> dict[int, float]:

@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 import gtlayout
-from gtlayout.evaluation.element_scores import centroid_world
+from gtlayout.evaluation.instance_scores import centroid_world
 from gtlayout.io.files import json_text, write_all_atomic
 from gtlayout.solution import Solution
 
@@ -58,7 +58,9 @@ def decisions(solution: Solution) -> dict[str, object]:
     return {
         "instances": [[one.name, one.label, one.host, one.members] for one in solution.instances],
         "edges": [[edge.key_frame, edge.instances, len(edge.points_px)] for edge in solution.edges],
-        "held_by": [[plane.support.tracks, plane.support.held_by, plane.note] for plane in solution.planes],
+        "dominant_evidence": [
+            [plane.support.tracks, plane.support.dominant_evidence, plane.note] for plane in solution.planes
+        ],
         "dimensions": [[one.kind, one.first, one.second] for one in solution.layout.dimensions],
         "headline": [quality.headline.word, quality.accepted, quality.predicted],
         "verdicts": [[one.verdict, one.reason] for one in quality.instances],

@@ -1,6 +1,6 @@
-"""What a camera sees of a layout, as vectors: the visible region of each element and the edges between regions.
+"""What a camera sees of a layout, as vectors: the visible region of each segment and the edges between regions.
 
-An *element* here is what 2D layout methods predict: floor, ceiling or a wall, with the doors and windows in it.
+A *segment* is what 2D layout methods predict: floor, ceiling or a wall, with the doors and windows in it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
 GAP_PX = 2.0
 """Extents of neighbours may leave a gap this wide, or end this far from where their planes meet."""
 CONTACT_SHARE = 0.01
-"""Surfaces whose depths differ by no more than this share touch."""
+"""Segments whose depths differ by no more than this share touch."""
 MIN_PX = 3.0
 """Shorter edges are left out, and shorter changes of kind along an edge."""
 SIMPLIFY_PX = 0.5
@@ -41,20 +41,20 @@ Kind = Literal["contact", "occlusion"]
 
 @dataclass(frozen=True)
 class Edge:
-    """A line in the image along which one element ends and another begins."""
+    """A line in the image along which one segment ends and another begins."""
 
-    elements: tuple[int, int]
-    """Indices into the elements; of an occlusion edge the nearer one first."""
+    segments: tuple[int, int]
+    """Indices into the segments; of an occlusion edge the nearer one first."""
     kind: Kind
-    """``contact``: the surfaces meet in 3D; ``occlusion``: one hides where the other goes on or ends."""
+    """``contact``: the planes meet in 3D; ``occlusion``: one hides where the other goes on or ends."""
     points_px: FloatArray
     """(N, 2) polyline."""
 
 
-def group_elements(instances: Sequence[Instance]) -> list[list[int]]:
-    """The instances each element is made of, first the one that names it.
+def segments_of(instances: Sequence[Instance]) -> list[list[int]]:
+    """The instances each segment is made of, first the one that names it.
 
-    Doors and windows belong to the wall that hosts them; without a host they are elements of their own.
+    Doors and windows belong to the wall that hosts them; without a host they are segments of their own.
     """
     groups = {i: [i] for i, instance in enumerate(instances) if instance.host is None}
     for i, instance in enumerate(instances):
@@ -86,23 +86,23 @@ def visible_regions(layout: Layout, camera: Camera) -> list[MultiPolygon]:
 
 
 def visible_edges(layout: Layout, camera: Camera) -> list[Edge]:
-    """The edges between elements as the camera sees them, in the order of the elements.
+    """The edges between segments as the camera sees them, in the order of the segments.
 
-    Where an element borders on nothing or on the image border, there is none.
+    Where a segment borders on nothing or on the image border, there is none.
     """
-    elements = group_elements(layout.instances)
+    segments = segments_of(layout.instances)
     seen = visible_regions(layout, camera)
     inverse = np.array([inverse_depth(plane, camera) for plane in layout.planes]).reshape(-1, 3)
     regions = _close_gaps(
-        [polygons(shapely.union_all([seen[i] for i in members], grid_size=_GRID_PX)) for members in elements]
+        [polygons(shapely.union_all([seen[i] for i in members], grid_size=_GRID_PX)) for members in segments]
     )
     border = shapely.box(0, 0, camera.width, camera.height).exterior.buffer(_SNAP_PX)
     edges = []
-    for a, b in combinations(range(len(elements)), 2):
+    for a, b in combinations(range(len(segments)), 2):
         for line in _shared_boundary(regions[a], regions[b], border):
             points = shapely.get_coordinates(shapely.segmentize(line, STEP_PX))
             middles = (points[1:] + points[:-1]) / 2
-            planes_a, planes_b = (inverse[_instance_at(middles, elements[e], seen)] for e in (a, b))
+            planes_a, planes_b = (inverse[_instance_at(middles, segments[e], seen)] for e in (a, b))
             touching = _touch(planes_a, planes_b, middles)
             nearer = _at(planes_a - planes_b, middles)
             for first, last in _runs(touching, np.linalg.norm(np.diff(points, axis=0), axis=1)):
@@ -157,7 +157,7 @@ def _shared_boundary(a: MultiPolygon, b: MultiPolygon, border: BaseGeometry) -> 
 
 
 def _instance_at(points_px: FloatArray, members: Sequence[int], seen: Sequence[MultiPolygon]) -> IntArray:
-    """(N,) which of an element's instances is seen at (N, 2) points on its boundary: an opening before its host."""
+    """(N,) which of a segment's instances is seen at (N, 2) points on its boundary: an opening before its host."""
     order = [*members[1:], members[0]]
     distances = np.array([shapely.distance(seen[i], shapely.points(points_px)) for i in order])
     # Those of an empty region are NaN; what is nearer by less than a gap is not really nearer.

@@ -1,6 +1,6 @@
 """The forms in which people have a clip: other units, worlds, frames, files. Each is the same scene to a human eye.
 
-Frames that are left out are the dense ones: key frames stay, because without one its drawing would be lost, too.
+Frames that are left out are the dense ones: key frames stay, because without one its elements would be lost, too.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def write_video(path: Path, scene: Scene) -> None:
 
 
 def _half_size(scene: Scene, folder: Path) -> Variant:
-    """A scene folder with images of half the width and height, and with cameras and drawings to match."""
+    """A scene folder with images of half the width and height, and with cameras and elements to match."""
     frames = tuple(_half_frame(frame, folder, i) for i, frame in enumerate(scene.frames))
     key_frames = tuple(
         _half_key_frame(key_frame, scene.frames[key_frame.frame].camera) for key_frame in scene.key_frames

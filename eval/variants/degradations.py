@@ -13,7 +13,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.truth import read_truth
 from gtlayout.scene import Scene
 from variants.spoiled_cameras import Cameras, spoiled_cameras
-from variants.spoiled_drawings import (
+from variants.spoiled_elements import (
     Drawn,
     drawn,
     jittered,
@@ -30,7 +30,7 @@ from variants.variant import Makers, Variant, all_drawn, redrawn, variant, with_
 SHIFTS_PX = (15.0, 30.0)
 JITTER_PX = 8.0
 LATER = 10
-"""Frames between a drawing and the image it is put on."""
+"""Frames between elements and the image that they are put on."""
 
 
 def degradations(scene: Scene) -> Makers:
@@ -100,7 +100,7 @@ def _other_drawings(scene: Scene) -> Makers:
     new["visible parts on furniture"] = lambda: {
         k: visible_on_furniture(drawn(of)) for k, of in enumerate(scene.key_frames)
     }
-    makers: Makers = {name: partial(_drawn_anew, scene, drawings) for name, drawings in new.items()}
+    makers: Makers = {name: partial(_drawn_anew, scene, changed) for name, changed in new.items()}
     if any(of.occlusion_edges for of in scene.key_frames):
         makers["no occlusion edges"] = partial(_without_occlusion_edges, scene)
     if (frame := _another_time(scene, middle)) is not None:
@@ -122,9 +122,9 @@ def _all_jittered(scene: Scene) -> Mapping[int, Drawn]:
     }
 
 
-def _drawn_anew(scene: Scene, drawings: Callable[[], Mapping[int, Drawn]], _folder: Path) -> Variant:
+def _drawn_anew(scene: Scene, change: Callable[[], Mapping[int, Drawn]], _folder: Path) -> Variant:
     """Key frames on which nothing is left are none."""
-    changed = drawings()
+    changed = change()
     kept = [k for k in range(len(scene.key_frames)) if changed.get(k) != []]
     spoiled = redrawn(
         scene,
@@ -140,7 +140,7 @@ def _without_occlusion_edges(scene: Scene, _folder: Path) -> Variant:
 
 
 def _another_time(scene: Scene, k: int) -> int | None:
-    """The frame without a drawing that is nearest to ``LATER`` frames after key frame ``k``; None without one."""
+    """The frame without annotation that is nearest to ``LATER`` frames after key frame ``k``; None without one."""
     taken = {key_frame.frame for key_frame in scene.key_frames}
     free = [i for i in range(len(scene.frames)) if i not in taken]
     return min(free, key=lambda i: abs(i - scene.key_frames[k].frame - LATER), default=None)

@@ -23,8 +23,8 @@ from common.runner import SceneRows
 from common.scoring import depth_metrics
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation.element_scores import match_instances
 from gtlayout.evaluation.evaluate import evaluate
+from gtlayout.evaluation.instance_scores import match_instances
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Plane
@@ -37,13 +37,13 @@ from gtlayout.solution import Solution
 from variants.variant import Variant
 
 OFF_M, OFF_DEG = 0.1, 5.0
-"""A plane that is farther off than one of these is off …"""
+"""A plane that is farther off than one of these is off."""
 OFF_SHARE = 0.03
-"""… in a scene without a unit: than this share of the median depth of what was drawn, 10 cm at 3.3 m."""
+"""The same in a scene without a unit, as a share of the median depth of the elements: 10 cm at 3.3 m."""
 CERTAIN = 1 / 3
 """Who says "ok" and a σ below this share of the error has misled whoever reads it."""
 PIXELS = 24
-"""Sampled on each drawing of an element."""
+"""Points sampled on each element."""
 WHOLE = "whole"
 """Row of the scene as a whole, in what is measured; the others are planes."""
 PROCESS = Path("/proc/self")
@@ -52,7 +52,7 @@ PROCESS = Path("/proc/self")
 
 @dataclass(frozen=True)
 class SeenError:
-    """How far a plane is from where its drawings truly are."""
+    """How far a plane is from the true place of its elements."""
 
     offset: float
     """Distance of the true points at the drawn pixels from the plane, median; world unit."""
@@ -61,7 +61,7 @@ class SeenError:
     normal_deg: float
     """Median over the key frames it was drawn in."""
     nees: float
-    """With the true plane as seen in its largest drawing."""
+    """With the true plane as seen in its largest element."""
 
 
 def measure(variant: Variant) -> SceneRows:
@@ -155,7 +155,7 @@ def compared_planes(truth: Truth) -> list[str]:
 
 
 def seen_error(variant: Variant, plane: Plane, true: TruePlane, members: list[tuple[int, int]]) -> SeenError:
-    """Error of a plane of the judge's world, over these (key frame, element) drawings of the true one."""
+    """Error of a plane of the judge's world, over these elements (key frame, element) of the true one."""
     offsets, sigmas, normals = [], [], []
     largest: tuple[float, Plane, FloatArray] | None = None
     for k, e in members:

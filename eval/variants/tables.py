@@ -25,9 +25,9 @@ from variants.measures import WHOLE
 COUNTS = ("failed", "planes", "missing", "off", "wrong_and_certain", "right", "elements", "warnings")
 """Columns that a summary adds up."""
 MEANS = ("iou", "accepted", "trustworthy", "within_5cm", "within_10cm", "time", "peak_memory")
-"""Columns that it gives the mean of …"""
+"""Columns of which the summary has the mean."""
 WORST = {"iou": min, "depth_error_trimmed": max}
-"""… and the worst of."""
+"""Columns of which the summary has the worst."""
 UNREADABLE = "unreadable"
 """In place of its variants, for a scene that cannot be read or has no truth."""
 ROWS, SUMMARY, CERTAIN, FAILED = "rows", "summary", "wrong_and_certain", "failed"

@@ -133,7 +133,7 @@ def with_key_frames(scene: Scene, kept: Sequence[int]) -> Scene:
     return replace(scene, key_frames=tuple(scene.key_frames[k] for k in kept))
 
 
-def redrawn(scene: Scene, drawings: Mapping[int, KeyFrame]) -> Scene:
+def redrawn(scene: Scene, key_frames: Mapping[int, KeyFrame]) -> Scene:
     """The scene with some key frames drawn anew, by their number."""
-    key_frames = tuple(drawings.get(k, key_frame) for k, key_frame in enumerate(scene.key_frames))
-    return replace(scene, key_frames=key_frames)
+    redone = tuple(key_frames.get(k, key_frame) for k, key_frame in enumerate(scene.key_frames))
+    return replace(scene, key_frames=redone)

@@ -1,4 +1,4 @@
-"""Where scenes are solved: a Dask cluster of this machine's cores, or one that is there already."""
+"""Where scenes are solved: on a Dask cluster of this machine's cores, or on an existing one."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ MEMORY_SHARE = 0.9
 """Of the machine's memory, for all workers."""
 CONNECT_S = 30
 SETTINGS = {
-    # Workers' stacks, looked at a hundred times a second: the work is done elsewhere.
+    # Profiles of the workers' stacks a hundred times a second. The work is done in other processes.
     "distributed.worker.profile.enabled": False,
-    # What Dask remembers of each task, for its developers and its dashboard: memory is not to grow with scenes.
+    # Dask's records of each task, for its developers and its dashboard. Memory must not grow with the number of scenes.
     "distributed.admin.low-level-log-length": 100,
     "distributed.admin.system-monitor.log-length": 600,
     "distributed.scheduler.dashboard.tasks.task-stream-length": 1000,
@@ -43,8 +43,8 @@ def local_cluster(workers: int | None = None, memory_limit: str | None = None) -
     """Worker processes on this machine, of one thread each, that only this machine can reach.
 
     ``workers``: as many as there are cores and memory for when not given. ``memory_limit`` of each, with the scene it
-    solves, as "4GiB"; an equal share of nine tenths of the memory when not given. Raises GtlayoutError when it is no
-    size.
+    solves, as "4GiB"; an equal share of nine tenths of the memory when not given. Raises GtlayoutError when it is not
+    a size.
     """
     number = workers or max(1, min(CPU_COUNT, int(MEMORY_SHARE * MEMORY_LIMIT) // WORKER_BYTES))
     limit_bytes = _bytes(memory_limit) if memory_limit else int(MEMORY_SHARE * MEMORY_LIMIT) // number
@@ -78,13 +78,13 @@ class _IgnoreInterrupt(WorkerPlugin):
 def existing_cluster(address: str) -> Iterator[Client]:
     """The cluster whose scheduler listens at ``address``, as "tcp://host:8786".
 
-    Raises GtlayoutError when none answers, or a worker has no gtlayout or another one than this.
+    Raises GtlayoutError when none answers, or a worker has no gtlayout or a different one.
     """
     try:
         client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:  # the last: tls:// without certificates
         raise GtlayoutError(f"no Dask scheduler answers at {address}: {error}") from error
-    # What happens to the connection is told in one line; Dask would log a traceback.
+    # Problems of the connection are reported in one line. Dask would log a traceback.
     with silence_logging_cmgr(logging.CRITICAL), client:
         here = program()
         for worker, there in client.run(program, on_error="return").items():

@@ -1,4 +1,4 @@
-"""What a result depends on, as a hash: the scene's files, the settings and the program."""
+"""A hash of everything that a result depends on: the scene's files, the settings and the program."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Inputs:
 
     @property
     def stamp(self) -> str:
-        """While it stays, the files need not be read again; empty while they are not settled."""
+        """While it does not change, the files need not be read again. Empty while they are not settled."""
         return self.look if self.settled else ""
 
 
@@ -53,7 +53,7 @@ def program() -> str:
 def inputs_of(scene: Path, configuration: str, leave_out: Iterable[Path] = ()) -> Inputs:
     """The files in the folder ``scene``, and those its cameras refer to elsewhere.
 
-    Raises GtlayoutError when the folder is not there, or a file cannot be looked at.
+    Raises GtlayoutError when the folder is not there, or the status of a file cannot be read.
     """
     if not scene.is_dir():
         raise GtlayoutError(f"no folder {scene}")

@@ -1,4 +1,4 @@
-"""What is asked of a solver process and what it answers: plain data that JSON can say."""
+"""The requests to a solver process and its answers, as plain data that JSON can hold."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 from gtlayout.batch.record import Failure
 
 BEGUN = {"begun": True}
-"""Said by a solver process before its answer, when the scene must be solved."""
+"""Sent by a solver process before its answer, when the scene must be solved."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What of the configuration a run can choose; all else is the default."""
+    """The part of the configuration that a run can choose. All other settings have their defaults."""
 
     seed: int = 0
     refine_cameras: bool = False
     restarts: int = 1
 
     def with_program(self, program: str) -> str:
-        """All that decides a result besides the scene, in words."""
+        """Everything that decides a result besides the scene, as text."""
         chosen = " ".join(f"{name}={value}" for name, value in asdict(self).items())
         return f"{program} {chosen}"
 
@@ -36,7 +36,7 @@ class Job:
     run: str
     """Folder of the run."""
     lease: str
-    """Folder that is there as long as somebody waits for the result; work goes on within it."""
+    """Folder that exists as long as the result is wanted. The work is done within it."""
     settings: Settings
     program: str
     """Version and hash of the code that is to solve it."""
@@ -47,7 +47,7 @@ class Job:
 
     @property
     def configuration(self) -> str:
-        """All that decides the result besides the scene."""
+        """Everything that decides the result besides the scene."""
         return self.settings.with_program(self.program)
 
     @property
@@ -58,19 +58,19 @@ class Job:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A job as its solver process is asked for it."""
+    """A job as it is sent to a solver process."""
 
     job: Job
     work: str
     """Folder to fill."""
     stamp: str
-    """Of the finished result that is there, like the fingerprint; empty when there is none."""
+    """Stamp of the finished result that exists; empty when there is none. So is the fingerprint."""
     fingerprint: str
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What came of an attempt."""
+    """The result of an attempt."""
 
     figures: dict[str, Any] = field(default_factory=dict)
     """Fields of ``Record``."""
@@ -79,8 +79,8 @@ class Answer:
     same: bool = False
     """The finished result is still good: nothing was solved."""
     begun: bool = True
-    """It was found out that the scene must be solved; false for what went wrong before."""
+    """The solve had begun. False when the attempt failed before."""
     unwritable: str = ""
     """Why results cannot be written: the run must stop."""
     no_solution: bool = False
-    """None of these restarts came to a solution, which leaves the scene to the others."""
+    """None of these restarts has a solution. The scene depends on its other restarts."""

@@ -1,4 +1,4 @@
-"""How a run is getting on, told while it does: a bar on a terminal, a line now and then elsewhere."""
+"""The progress of a run: a bar on a terminal, a line from time to time elsewhere."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LINE_EVERY_S = 30.0
 
 
 class RunProgress:
-    """Counts scenes and says so on stderr."""
+    """Counts scenes and prints the counts on stderr."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
@@ -40,21 +40,21 @@ class RunProgress:
         self._bars.stop()
 
     def begin(self, scenes: int, threads: int, dashboard: str) -> None:
-        """So many are to be done, so many at a time."""
+        """Begin with this many scenes, this many at a time."""
         self._total, self._start_s = scenes, time.monotonic()
         at_a_time = f"{threads} at a time" if threads else "waiting for workers"
         self._console.print(f"{scenes} scene{'s' if scenes > 1 else ''}, {at_a_time}; Dask's dashboard: {dashboard}")
         self._bar = self._bars.add_task(self.line(), total=scenes)
 
     def done(self, record: Record, same: bool) -> None:
-        """One is; ``same``: it was before this run, and its results are still good."""
+        """Count a scene that is done. ``same``: its earlier results are still good."""
         self._counts[record.headline] += 1
         self._solved += not same
         if record.status == "failed" and not same:
             self._console.print(f"{printable(record.scene)} failed ({record.failure}): {record.reason}")
 
     def tick(self) -> None:
-        """Say how far it is, if it is time to."""
+        """Print the progress, if it is time to."""
         if self._bar is not None:
             self._bars.update(self._bar, completed=self._counts.total(), description=self.line())
         if self._bars.disable and time.monotonic() - self._said_s >= LINE_EVERY_S:

@@ -1,4 +1,4 @@
-"""What a run notes of each scene: one row, the same in ``record.json``, ``run.csv`` and ``run.parquet``."""
+"""The record of each scene of a run: one row, the same in ``record.json``, ``run.csv`` and ``run.parquet``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text, read_json, write_atomic
 from gtlayout.quality.headline import Word
 
-FORMAT = "gtlayout-record/1"
+FORMAT = "gtlayout-record/2"
 SCENES = "scenes"
 """Folder of a run that holds a folder of results for each scene, called like the scene."""
 RECORD_FILE, SOLVE_LOG_FILE, THUMBNAIL_FILE = "record.json", "log.txt", "thumbnail.jpg"
@@ -20,11 +20,11 @@ CSV_FILE, PARQUET_FILE, RUN_FILE = "run.csv", "run.parquet", "run.json"
 
 Status = Literal["accepted", "not accepted", "failed"]
 Failure = Literal["input", "bug", "timeout", "died", "memory", "worker"]
-"""Why there is no layout: the scene cannot be solved as it is; an exception nobody expected; not done in time; its
-process died of a signal; it outgrew its memory; its worker was lost again and again.
+"""Why there is no layout: the scene cannot be solved as it is; an unexpected exception; not done in time; its
+process died of a signal; it exceeded its memory; its worker was lost again and again.
 """
 PASSING: tuple[Failure, ...] = ("timeout", "died", "memory", "worker")
-"""May go well another time; all others are the same whenever the same scene is solved."""
+"""Failures that may not occur again. All others are the same whenever the same scene is solved."""
 _KINDS: dict[str, type | tuple[type, ...]] = {
     "int": int,
     "float": (int, float),
@@ -44,13 +44,13 @@ class Record:
     status: Status
     failure: Failure | None = None
     reason: str = ""
-    """Why it failed or is not to be trusted, and which elements are not ok; empty when all is well."""
+    """Why it failed or is not to be trusted, and which instances are not ok; empty when all is well."""
     headline: Word | None = None
     """What to do with it: use it as it is, look at it first, redraw or film it again; None for failed scenes."""
     headline_reason: str = ""
     """Why, the most important first; empty for failed scenes."""
     predicted: str | None = None
-    """"trustworthy" or "doubtful": what the covariances say."""
+    """"trustworthy" or "doubtful": the verdict of the covariances."""
     iou: float | None = None
     openings_iou: float | None = None
     sigma_depth_share: float | None = None
@@ -58,13 +58,13 @@ class Record:
     depth_error_mean: float | None = None
     """ε on visible parts of key frames with depth, world unit."""
     depth_error_trimmed_mean: float | None = None
-    """… without the worst 1 % of pixels."""
+    """The same without the worst 1 % of pixels."""
     depth_error_median: float | None = None
     metric: bool | None = None
     """Whether the world unit is the metre."""
     frames: int | None = None
     key_frames: int | None = None
-    elements: int | None = None
+    instances: int | None = None
     weak: int | None = None
     unobservable: int | None = None
     worst_frame: str | None = None
@@ -73,7 +73,7 @@ class Record:
     """As "wall_1 = e2 in 000010.jpg"."""
     worst_element_iou: float | None = None
     warnings: int | None = None
-    """What was skipped or repaired; the texts stand in quality.json."""
+    """Number of things skipped or repaired. Their texts are in quality.json."""
     seconds: float | None = None
     """From reading the scene to its results on disk, of the attempt that counts."""
     stages_s: dict[str, float] = field(default_factory=dict)
@@ -92,7 +92,7 @@ class Record:
     fingerprint: str = ""
     """SHA-256 of inputs and configuration; empty when the inputs could not be read, or changed meanwhile."""
     stamp: str = ""
-    """As the fingerprint, with sizes and times in the place of contents: while it stays, no input need be read."""
+    """Like the fingerprint, with sizes and times instead of contents: while it does not change, no input is read."""
     files: dict[str, str] = field(default_factory=dict)
     """SHA-256 of each file beside the record; not in the tables."""
 
@@ -108,12 +108,12 @@ def write_record(path: Path, record: Record) -> None:
 
 
 def record_text(record: Record) -> str:
-    """What record.json holds."""
+    """The content of record.json."""
     return json_text({"format": FORMAT, **asdict(record)})
 
 
 def read_record(path: Path) -> Record:
-    """Read record.json. Raises GtlayoutError when it is absent or none."""
+    """Read record.json. Raises GtlayoutError when it is absent or not a record."""
     data = read_json(path)
     if data.pop("format", None) != FORMAT:
         raise GtlayoutError(f"{path} is no record of a scene ({FORMAT})")

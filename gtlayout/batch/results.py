@@ -13,15 +13,15 @@ from gtlayout.batch.record import PASSING, RECORD_FILE, SOLVE_LOG_FILE, Record, 
 from gtlayout.errors import GtlayoutError
 
 TRIES = 10
-"""Two workers may put the same scene into its place at once, when one of them was taken for lost."""
+"""Attempts to put a scene into its place. Two workers may do so at once, when one of them was taken for lost."""
 
 
 class CannotWriteError(Exception):
-    """Results cannot be written, which no other scene would change: the run must stop."""
+    """Results cannot be written. This would be the same for every other scene, so the run must stop."""
 
 
 class LeaseLostError(CannotWriteError):
-    """The folder for work in progress is gone: nobody waits for the result any more."""
+    """The folder for work in progress is gone, so the result is no longer wanted."""
 
 
 def lease_lost(lease: Path) -> LeaseLostError:
@@ -45,7 +45,7 @@ def new_work_folder(lease: Path) -> Path:
 
 
 def finished(place: Path) -> Record | None:
-    """The record of a finished scene whose files are all as they were written; None when it must be looked at again."""
+    """The record of a finished scene whose files are all unchanged; None when the scene must be checked again."""
     try:
         record = read_record(place / RECORD_FILE)
         whole = all(sha256(place / name) == digest for name, digest in record.files.items())
@@ -57,8 +57,8 @@ def finished(place: Path) -> Record | None:
 def publish(record: Record, work: Path, place: Path) -> Record:
     """Put the folder ``work`` with its record into ``place``, instead of what may be there, and return the record.
 
-    Of a failed scene only the log is kept, and of none what a first attempt left half-written. Killed at any moment,
-    it leaves the old results, the new ones or none, never some of both. Raises CannotWriteError.
+    Of a failed scene only the log is kept. Files that an attempt left half-written are removed. If the process is
+    killed at any moment, the old results, the new ones or none are there, never some of both. Raises CannotWriteError.
     """
     try:
         for path in list(work.iterdir()):

@@ -1,4 +1,4 @@
-"""A run from the client's side: jobs handed out a few at a time, results recorded as they come, until all are done."""
+"""A run, on the client: it hands out jobs a few at a time and records results as they arrive, until all are done."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.report import plotly_file
 
 LEASE, GONE = ".in-progress-", ".gone-"
-"""Folders in that of the run, for what is being worked on by one session, and for what nobody waits for any more."""
+"""Folders in that of the run: for the work of one session, and for work that is no longer wanted."""
 AHEAD = 2
-"""Jobs handed out per thread of the cluster: one to work on, one to go on with. The scheduler never holds more."""
+"""Jobs handed out per thread of the cluster: one in progress and one next. The scheduler never holds more."""
 LOOK_EVERY_S = 1.0
 TABLES_EVERY_S = 5.0
 TABLES_SHARE = 0.02
-"""Of the time, at most, goes into writing the tables."""
+"""Largest share of the time that is spent on writing the tables."""
 RETRIES = 1
-"""For jobs that a worker could not even begin."""
+"""Retries of jobs that a worker could not begin."""
 
 
 def run_batch(
@@ -46,7 +46,7 @@ def run_batch(
 ) -> dict[str, Record]:
     """Solve the ``scenes`` (name → folder) into the folder ``run``, except those whose results are still good.
 
-    Returns the record of each. Whatever ends it early leaves finished scenes finished, and the same call goes on.
+    Returns the record of each. If it ends early, finished scenes stay finished, and the same call continues.
 
     Raises:
         GtlayoutError: ``run`` cannot be written, or the scheduler is lost.
@@ -67,7 +67,7 @@ def run_batch(
             for arrived in _outcomes(client, jobs):
                 if arrived is not None:
                     record, same = arrived
-                    record = replace(record, files={})  # A hash of each file: memory is not to grow with those.
+                    record = replace(record, files={})  # A hash of each file: memory must not grow with their number.
                     done[record.scene] = tables.records[record.scene] = record
                     progress.done(record, same)
                 tables.write_when_due()
@@ -79,7 +79,7 @@ def run_batch(
             f"lost the Dask scheduler ({error}); finished scenes are kept, and the same command goes on from there"
         ) from error
     finally:
-        with suppress(GtlayoutError):  # Whatever went wrong before is what matters.
+        with suppress(GtlayoutError):  # The earlier problem is the one to report.
             tables.write()
     return done
 
@@ -119,7 +119,7 @@ class _Tables:
 
 @contextmanager
 def _lease(run: Path) -> Iterator[Path]:
-    """A folder for work in progress. What earlier sessions left goes, and with it anybody's leave to finish it."""
+    """A folder for work in progress. Those of earlier sessions are removed, so that these cannot finish their work."""
     run = run.resolve()
     lease = run / f"{LEASE}{uuid.uuid4().hex}"
     try:
@@ -137,14 +137,16 @@ def _lease(run: Path) -> Iterator[Path]:
 def _discard(run: Path, leases: Iterable[Path]) -> None:
     """Remove work in progress. Raises OSError."""
     for lease in leases:
-        # At once and as a whole, so that nobody still at work in it can put its results, or half of them, into place.
+        # Renamed as a whole first, so that no process that still works in it can put results, or half of them, into
+        # place.
         lease.rename(run / f"{GONE}{uuid.uuid4().hex}")
     for gone in run.glob(f"{GONE}*"):
         shutil.rmtree(gone, ignore_errors=True)
 
 
 def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, bool] | None]:
-    """Record of each scene when it is done, and whether it was so before; None now and then, while nothing arrives.
+    """Record of each scene when it is done, and whether it was done before; None from time to time, while nothing
+    arrives.
 
     Raises CannotWriteError, _LostError, or what the client raises when the scheduler is gone.
     """
@@ -171,7 +173,7 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
                     raise _LostError(f"the connection is {client.status}") from None
                 yield None
                 continue
-            if future.status == "lost":  # Its worker was, before the answer was fetched: another one does it again.
+            if future.status == "lost":  # its worker was, before the answer was fetched: another repeats it
                 pending[future.key] = future, job
                 future.add_done_callback(arrived.put)
                 continue
@@ -180,7 +182,7 @@ def _outcomes(client: Client, jobs: Sequence[Job]) -> Iterator[tuple[Record, boo
                 in_order = sorted(parts.pop(job.scene), key=lambda part: part[0].first_restart)
                 yield _merged(job, [outcome for _, outcome in in_order if outcome is not None])
     finally:
-        with suppress(Exception):  # There may be no scheduler left to tell.
+        with suppress(Exception):  # There may be no scheduler left.
             client.cancel([future for future, _ in pending.values()], force=True)
 
 
@@ -208,12 +210,12 @@ def _outcome(future: Future[Outcome | None], job: Job) -> Outcome | None:
     lost = "its worker was lost, again and again" if isinstance(error, KilledWorker) else str(error) or repr(error)
     record = Record(job.scene, "failed", "worker", lost, source=job.source, configuration=job.configuration)
     if finished(scene_folder(Path(job.run), job.scene)):
-        return Outcome(record)  # What is there may still be good, and stays.
+        return Outcome(record)  # Existing results may still be good, and are kept.
     return Outcome(record, work=str(new_work_folder(Path(job.lease))))
 
 
 def _merged(job: Job, outcomes: Sequence[Outcome]) -> tuple[Record, bool]:
-    """What came of a scene, in its place: of its restarts the one with the best IoU, the first of equals."""
+    """The result of a scene, in its place: the restart with the best IoU, the first of equals."""
     failed = [outcome for outcome in outcomes if outcome.record.status == "failed"]
     best = failed[0] if failed else max(outcomes, key=lambda outcome: outcome.record.iou or 0.0)
     if best.work is None:

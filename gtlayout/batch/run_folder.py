@@ -1,4 +1,4 @@
-"""The folder of a run: what was asked for in run.json, a folder a scene, and their records as one table."""
+"""The folder of a run: the request in run.json, a folder per scene, and the records as one table."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _TYPES = {"str": pa.string(), "float": pa.float64(), "int": pa.int64(), "bool": 
 
 @dataclass(frozen=True)
 class Run:
-    """What run.json says, and what has been recorded so far."""
+    """The content of run.json, and the records so far."""
 
     folder: Path
     scenes: tuple[str, ...]
-    """Names of all that were asked for, sorted."""
+    """Names of all scenes of the run, sorted."""
     records: dict[str, Record]
     """Of those that are finished with this configuration, in the order of ``scenes``."""
     config: dict[str, Any]
@@ -68,8 +68,8 @@ def check_free(folder: Path) -> None:
 def read_run(folder: Path) -> Run:
     """Read run.json and the records beside the results.
 
-    Raises GtlayoutError when it is no run or run.json is damaged. A record that is damaged counts as not there: the
-    scene is solved again by the next run.
+    Raises GtlayoutError when it is no run or run.json is damaged. A damaged record counts as absent: the next
+    run solves the scene again.
     """
     path = folder / RUN_FILE
     if not path.is_file():
@@ -100,7 +100,7 @@ def recorded(folder: Path, scenes: Iterable[str], configuration: str) -> dict[st
 
 
 def write_tables(folder: Path, records: Iterable[Record]) -> None:
-    """Write run.csv and run.parquet: a row a scene, sorted by name, the same columns in both.
+    """Write run.csv and run.parquet: one row per scene, sorted by name, the same columns in both.
 
     Raises GtlayoutError when the disk does not take them.
     """

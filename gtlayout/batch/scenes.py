@@ -20,9 +20,9 @@ def find_scenes(roots: Sequence[Path], leave_out: Path) -> dict[str, Path]:
     """Name → folder of all scenes at and below the ``roots``, sorted by name.
 
     A folder with cameras of a known format is a scene, whatever lies below it. So is one with annotations or images
-    but without cameras, unless a scene with cameras lies below it: it is said what it lacks when it is to be solved.
-    The name is the path below the root, or the folder's own name where the root itself is the scene. ``leave_out``,
-    where results go, is passed over, and so are results of ``gtlayout solve`` and hidden folders.
+    but without cameras, unless a scene with cameras lies below it. Its solve then fails with a message about what is
+    missing. The name is the path below the root, or the folder's own name where the root itself is the scene.
+    ``leave_out``, where results go, is passed over, and so are results of ``gtlayout solve`` and hidden folders.
 
     Raises GtlayoutError when a root is absent or holds no scene, two scenes have one name or names of which one would
     lie in the other's folder of results, or a path is no UTF-8.
@@ -72,5 +72,5 @@ def _below(folder: Path, seen: set[Path]) -> tuple[list[Path], bool]:
         found = [scene for scenes, _ in below for scene in scenes], any(complete for _, complete in below)
         lacking = not found[1] and ((folder / "images").is_dir() or bool(kinds_in(folder)))
     except (OSError, GtlayoutError):
-        lacking, found = True, ([], False)  # Whoever is to solve it will say what is wrong.
+        lacking, found = True, ([], False)  # Its solve will fail with a message.
     return ([folder], False) if lacking else found

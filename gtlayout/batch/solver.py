@@ -1,8 +1,8 @@
 """The process that solves: scene after scene, each asked for by a line of JSON on stdin, answered by one on stdout.
 
-It is a process of its own, because whatever a scene does to it (hang, crash, eat memory) then ends there. What it
-prints, and where it was when it crashed or ran out of time, goes to the log in the scene's work folder. It ends when
-stdin does: nobody is left to answer to.
+It is a process of its own, so that a scene that hangs, crashes or uses too much memory affects nothing else. Its
+output, and a traceback when it crashes or runs out of time, go to the log in the scene's work folder. It ends when
+stdin does, because then there is nobody to answer.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from gtlayout.method import solve
 from gtlayout.report import PLOTLY_FILE, solved_page, thumbnail
 from gtlayout.report.plain import finite
 from gtlayout.results.names import REPORT_FILE
-from gtlayout.results.tables import headline_text, measures, reasons, worst_drawing
+from gtlayout.results.tables import headline_text, measures, reasons, worst_element_name
 from gtlayout.solution import Solution
 
 IDLE_S = 300.0
-"""A process that is asked for nothing ends: workers of an existing cluster outlive the run."""
+"""An idle process ends after this time, because workers of an existing cluster outlive the run."""
 
 
 def main() -> None:
     """Answer attempts until stdin ends, or no more come."""
     cv2.setNumThreads(1)
-    # Only answers go to the pipe; what else is printed, by libraries in C, too, goes where errors go.
+    # Only answers go to the pipe. All other output, also of libraries in C, goes to stderr.
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     asked: SimpleQueue[str] = SimpleQueue()
@@ -56,7 +56,7 @@ def main() -> None:
         try:
             data = json.loads(asked.get(timeout=IDLE_S))
         except Empty:
-            os._exit(0)  # Not by returning: that would wait for the thread that listens.
+            os._exit(0)  # Not by returning, which would wait for the thread that listens.
         job = Job(**data["job"] | {"settings": Settings(**data["job"]["settings"])})
         came = answer(Attempt(**data | {"job": job}), lambda: print(json.dumps(BEGUN), file=answers, flush=True))
         print(json.dumps(asdict(came)), file=answers, flush=True)
@@ -69,7 +69,8 @@ def answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
     """
     try:
         with (
-            # Not by its path: when the run is stopped the folder goes, and writing to the path would make it anew.
+            # Not by its path: when the run is stopped the folder is removed, and writing to the path would create it
+            # again.
             chdir(attempt.work),
             Path(SOLVE_LOG_FILE).open("a", encoding="utf-8") as log,
             _logged(log, attempt.job.timeout_s),
@@ -102,16 +103,16 @@ def _answer(attempt: Attempt, begin: Callable[[], None]) -> Answer:
         print(error)
         answer = Answer(failure="input", reason=str(error), no_solution=job.first_restart > 0, begun=bool(identity))
     except Exception as error:
-        # A bug must not cost the night's other scenes.
+        # A bug must not stop the other scenes.
         traceback.print_exc()
         failure: Failure = "memory" if _out_of_memory(error) else "bug"
         answer = Answer(failure=failure, reason=one_line(error), begun=bool(identity))
-    # A scene that changed or vanished meanwhile is to be looked at again.
+    # A scene that changed or vanished meanwhile must be checked again.
     return replace(answer, figures=answer.figures | (identity if _unchanged(inputs, job) else {}))
 
 
 def _inputs(job: Job) -> Inputs:
-    """Raises GtlayoutError when the scene cannot be looked at."""
+    """Raises GtlayoutError when the scene's files cannot be listed."""
     return inputs_of(Path(job.source), job.configuration, [Path(job.run)])
 
 
@@ -123,7 +124,7 @@ def _identity(inputs: Inputs, attempt: Attempt) -> dict[str, str]:
 
 
 def _unchanged(inputs: Inputs | None, job: Job) -> bool:
-    """Whether the scene's files look as they did."""
+    """Whether names, sizes and times of the scene's files are unchanged."""
     try:
         return inputs is not None and _inputs(job).look == inputs.look
     except GtlayoutError:
@@ -131,9 +132,9 @@ def _unchanged(inputs: Inputs | None, job: Job) -> bool:
 
 
 def _figures(solution: Solution) -> dict[str, Any]:
-    """What the record says of a solved scene; also printed, for the log."""
+    """The fields of the record of a solved scene; also printed, for the log."""
     scene, layout, quality = solution.scene, solution.layout, solution.quality
-    drawing, worst = worst_drawing(scene, layout, quality), quality.elements[quality.worst_element]
+    worst_name, worst = worst_element_name(scene, layout, quality), quality.elements[quality.worst_element]
     why = quality.headline.reasons
     reasons_given = [*(why if quality.headline.word != "trust" else ()), *reasons(layout, quality)]
     try:
@@ -160,12 +161,12 @@ def _figures(solution: Solution) -> dict[str, Any]:
         "metric": layout.metric,
         "frames": len(scene.frames),
         "key_frames": len(scene.key_frames),
-        "elements": len(verdicts),
+        "instances": len(verdicts),
         "weak": verdicts.count("weak"),
         "unobservable": verdicts.count("unobservable"),
         "worst_frame": scene.frame_of(quality.worst_frame).name,
         "worst_frame_iou": finite(quality.frames[quality.worst_frame]),
-        "worst_element": drawing,
+        "worst_element": worst_name,
         "worst_element_iou": worst.iou,
         "warnings": len(scene.warnings),
         "stages_s": dict(solution.timings_s),
@@ -197,7 +198,7 @@ def _listen(asked: SimpleQueue[str]) -> None:
 
 @contextmanager
 def _logged(log: TextIO, timeout_s: float) -> Iterator[None]:
-    """All output goes to ``log``, and where the process crashes, or is when time is up; then it ends by itself."""
+    """All output goes to ``log``, with a traceback when the process crashes or time is up. Then it ends by itself."""
     before = os.dup(2)
     try:
         sys.stdout.flush()

@@ -1,4 +1,4 @@
-"""A solver process seen from outside: started, asked, watched, and stopped when it hangs or grows too large."""
+"""Controls a solver process: starts, asks and watches it, and stops it when it hangs or grows too large."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LEASE_EVERY_S = 2.0
 START_S = 600.0
 """For its imports: a thousand processes may read them from one network disk at once."""
 GRACE_S = 5.0
-"""When its time is up a process says where it is and ends by itself."""
+"""Time for a process whose time is up to write a traceback and end by itself."""
 LOG_SAYS = f"where it was stands in {SOLVE_LOG_FILE}"
 BEGUN_LINE = json.dumps(BEGUN) + "\n"
 ENDED = ""
@@ -48,7 +48,8 @@ class SolverProcess:
         self._program = ""
 
     def solve(self, attempt: Attempt, memory_bytes: Callable[[], float]) -> tuple[Answer, float]:
-        """Have a scene solved. The answer also says when that hung, crashed or took more than ``memory_bytes()``.
+        """Have a scene solved. The answer also reports a process that hung, crashed or took more than
+        ``memory_bytes()``.
 
         Returns the answer and the largest resident set seen, bytes.
 
@@ -73,7 +74,7 @@ class SolverProcess:
                 reason = f"took {taken / 2**30:.2f} GiB of memory and may take {allowed / 2**30:.2f}"
                 return Answer(failure="memory", reason=reason, begun=begun), peak_bytes
             if now_s - start_s > job.timeout_s + GRACE_S:
-                # It should have ended by itself; one that waits for a dead disk may not even end now.
+                # It should have ended by itself. One that waits for a dead disk may not even end now.
                 self.close()
                 return _late(job, begun), peak_bytes
             if now_s - lease_seen_s > LEASE_EVERY_S:

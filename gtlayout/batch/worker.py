@@ -1,4 +1,4 @@
-"""What runs on a Dask worker: has scenes solved by processes of their own, and puts the results into their places."""
+"""The work on a Dask worker: scenes are solved by processes of their own, and results are put into their places."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ PLUGIN = "gtlayout-solvers"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a job."""
+    """The result of a job."""
 
     record: Record
     same: bool = False
     """Nothing was solved: the finished results are still good."""
     work: str | None = None
-    """Where results are that are still to be put into their place: of some of the restarts, when these are not all."""
+    """Folder of results that are not yet in their place, because the job had only some of the restarts."""
 
 
 class Solvers(WorkerPlugin):
@@ -71,15 +71,15 @@ class Solvers(WorkerPlugin):
                 self._idle.append(process)
 
     def memory_bytes(self) -> float:
-        """What each of them may take: of the worker's limit, what the worker does not take itself."""
+        """Memory that each of them may use: the worker's limit without the worker's own share."""
         limit = self._worker.memory_manager.memory_limit
         return (limit - self._usage.memory_info().rss) / self._worker.state.nthreads if limit else math.inf
 
 
 def work_on(job: Job) -> Outcome | None:
-    """Have one job done; a failed attempt is repeated once in a fresh process where that can help.
+    """Do one job. A failed attempt is repeated once in a fresh process where that can help.
 
-    Returns None when these restarts, which are not all, came to no solution.
+    Returns None when these restarts are not all, and none of them has a solution.
 
     Raises:
         CannotWriteError: the folder of the run does not take results, or is no longer this run's.
@@ -102,7 +102,7 @@ def work_on(job: Job) -> Outcome | None:
         return Outcome(_stamped(known, answer.figures["stamp"], place), same=True) if answer.same and known else None
     record = _record(job, answer, attempts=2 if again else 1, peak_memory_mib=peak_bytes / 2**20)
     if known and not answer.begun:
-        return Outcome(record)  # What is there may still be good, and stays.
+        return Outcome(record)  # Existing results may still be good, and are kept.
     return Outcome(publish(record, work, place)) if job.whole else Outcome(record, work=str(work))
 
 

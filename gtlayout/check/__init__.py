@@ -13,7 +13,7 @@ from gtlayout.scene import Scene
 
 
 def contents(scene: Scene) -> str:
-    """What is in the scene, in numbers."""
+    """The content of the scene, in numbers."""
     elements = sum(len(key_frame.elements) for key_frame in scene.key_frames)
     unit = "metric" if scene.metric else "without a unit"
     return f"{len(scene.frames)} frames, {len(scene.key_frames)} key frames, {elements} elements, {unit}"
@@ -22,9 +22,9 @@ def contents(scene: Scene) -> str:
 def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done, _total: None) -> list[str]:
     """All that is suspicious about ``scene``, a line each: what, in which file, frame or element, and what to do.
 
-    First what its readers said, then images, annotations, cameras, scale and motion. Every image is decoded once;
-    ``progress`` is told (frames done, frames in all). What depends on the cameras' poses is left out when these do not
-    fit the images.
+    First the readers' warnings, then images, annotations, cameras, scale and motion. Every image is decoded once;
+    ``progress`` is called with (frames done, frames in all). Checks that depend on the cameras' poses are left out when
+    these do not fit the images.
     """
     seen = look_through(scene, progress)
     lines = [*scene.warnings, *seen.lines, *annotation_suspicions(scene), *camera_suspicions(scene, seen.matches)]

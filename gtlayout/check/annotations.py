@@ -1,4 +1,4 @@
-"""Drawings that contradict each other or themselves."""
+"""Elements that contradict each other or themselves."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from shapely import LineString
 from gtlayout.scene import Element, FloatArray, Scene
 
 MIN_KEY_FRAMES = 3
-"""What is annotated once or twice can hardly contradict itself: nothing shows where the annotation is wrong."""
+"""With one or two key frames errors of the annotation hardly show, because nothing contradicts them."""
 MAX_OVERLAP = 0.2
 """Share of the smaller of two elements with one label that the other may cover."""
 SAME_IOU = 0.9
-"""Two elements that have so much in common were meant as one."""
+"""Two elements with this IoU are taken for one that was drawn twice."""
 MIN_INSIDE = 0.5
 """Share of an element's visible part that must lie in its polygon."""
 MAX_STRAY_PX = 10.0
-"""An occlusion edge separates elements, so it runs along their outlines; this far off it does nothing …"""
+"""An occlusion edge separates elements, so it runs along their outlines. This far off it has no effect."""
 MAX_STRAY_SHARE = 0.5
-"""… and is not one when so much of it does."""
+"""An occlusion edge is suspicious when more than this share of it is so far off."""
 
 
 def annotation_suspicions(scene: Scene) -> list[str]:
-    """Too few key frames, then what is drawn twice, outside of itself or along nothing, key frame by key frame."""
+    """Too few key frames; then elements drawn twice, visible parts outside and stray edges, key frame by key frame."""
     lines = []
     for k, key_frame in enumerate(scene.key_frames):
         name = scene.frame_of(k).name

@@ -19,9 +19,9 @@ MAX_SHIFT = 10
 FOCAL_FACTORS = (0.5, 0.6, 0.7, 0.8, 0.9, 1.1, 1.25, 1.4, 1.7, 2.0)
 """Of the focal length that is given."""
 GAIN = 2.0
-"""Other frames' poses and other focal lengths must fit so many times better: where all is right they fit worse …"""
+"""Other frames' poses and other focal lengths must fit this many times better. With right cameras they fit worse."""
 MIN_GAIN = 0.001
-"""… and by so much of the focal length: a slow camera's neighbours do not matter."""
+"""They must also fit better by this share of the focal length, because neighbours of a slow camera fit, too."""
 
 _OTHER_HAND = np.diag([1.0, -1.0, -1.0])
 
@@ -68,7 +68,7 @@ OTHERWISE = (
 
 
 def camera_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
-    """Whether poses and images belong together; at most one line. Says nothing without matches."""
+    """Whether poses and images belong together; at most one line. None without matches."""
     if not matches:
         return []
     given = share_explained(scene, matches)

@@ -22,7 +22,7 @@ MAX_STEPS = 10
 """Frames they are followed."""
 POINTS = 300
 MIN_POINTS = 30
-"""Fewer say nothing about two cameras."""
+"""With fewer points two cameras are not compared."""
 MIN_SURVIVING = 0.5
 """Points are followed as long as so many of those that reached the next frame survive: later ones are the odd ones."""
 CORNER_QUALITY = 0.01
@@ -48,10 +48,10 @@ class Matches:
 
 @dataclass(frozen=True)
 class Seen:
-    """What the images showed."""
+    """What was found in the images."""
 
     lines: list[str]
-    """What is suspicious about them."""
+    """Suspicious images, one line each."""
     matches: list[Matches]
     """Of one pair of frames each, as far apart as points could be followed."""
 

@@ -15,11 +15,11 @@ from gtlayout.tracking.config import TrackingConfig
 MIN_OVERLAP = 0.5
 """Two neighbouring frames must show so much of the same."""
 GRID = 8
-"""Pixels each way whose way into the next frame tells how much of the same it shows."""
+"""Pixels each way whose position in the next frame shows how much both frames have in common."""
 
 
 def motion_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
-    """Too little motion, jumps, and key frames that stand alone."""
+    """Too little motion, jumps, and key frames without neighbours."""
     return [*_parallax(scene, matches), *_jumps(scene, middle_inverse_depth(scene, matches))]
 
 

@@ -24,7 +24,7 @@ MAX_DISAGREEMENT = 1.25
 def scale_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
     """Depths no room has in metres, and depth maps of another scale than the cameras.
 
-    Says nothing where the camera moves too little to tell a depth.
+    None where the camera moves too little to determine a depth.
     """
     if median_parallax_deg(scene, matches) < QualityConfig().low_parallax_deg:
         return []

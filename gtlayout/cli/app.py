@@ -1,4 +1,4 @@
-"""The command line: parses, calls, prints. Whatever is slow to import waits until a command needs it."""
+"""The command line: parses, calls, prints. Slow modules are imported only when a command needs them."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def solve(
 ) -> None:
     """Reconstruct the room in a scene folder.
 
-    The folder holds images or a video, cameras and annotations, in any of the formats that are read. Written are
+    The folder holds images or a video, cameras and annotations, in any of the known formats. The command writes
     layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json, config.json and
-    timings.json; a scene that fails leaves nothing behind. Refined cameras are written to cameras.json.
+    timings.json. A scene that fails leaves no files. Refined cameras are written to cameras.json.
 
     Parameters
     ----------
@@ -56,13 +56,14 @@ def solve(
     out
         Where results go; DIR/gtlayout when not given.
     refine_cameras
-        For poor poses: adjust the cameras to the tracked points first; kept only where points left out of that agree.
+        For poor poses: adjust the cameras to the tracked points first. The result is kept only if it is better on
+        points that were left out.
     rerun
         Log each stage for the rerun viewer: save log.rrd beside the results, spawn a viewer, or connect to one.
     restarts
         Solve this many times, all but the first on random subsets of the tracks, and keep the best IoU.
     seed
-        Seed of everything random; the same seed gives the same bytes on one kind of processor.
+        Seed of all random numbers. The same seed gives the same bytes on one kind of processor.
     verbose
         Print stage timings and every warning.
     """
@@ -71,7 +72,7 @@ def solve(
     from gtlayout.api import load, save
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
-    from gtlayout.results.tables import camera_line, dimensions, element_table, headline_text, measures, reasons
+    from gtlayout.results.tables import camera_line, dimensions, headline_text, instance_table, measures, reasons
 
     config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load(scene_dir)
@@ -81,7 +82,7 @@ def solve(
 
     console = stdout()
     console.print(headline_text(solution.quality.headline))
-    console.print(element_table(solution.layout, solution.quality))
+    console.print(instance_table(solution.layout, solution.quality))
     for reason in reasons(solution.layout, solution.quality):
         console.print(reason, style="yellow")
     for dimension in dimensions(solution.layout):
@@ -100,8 +101,8 @@ def solve(
 def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path | None = None) -> None:
     """Compare a solved layout with the annotations and, where the scene has them, with depth/ and gt_planes.json.
 
-    Images and depth are compared through the cameras the layout was solved with, refined ones included; planes in the
-    world of the scene's own cameras.
+    Images and depth are compared through the cameras that the layout was solved with, also when these are refined.
+    Planes are compared in the world of the scene's own cameras.
 
     Parameters
     ----------
@@ -129,8 +130,8 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
 def check(scene_dir: SceneDir, /) -> int:
     """List everything suspicious in a scene folder, before it is solved: one line each, then how many.
 
-    Looked at are images, annotations, whether the cameras fit the images (axes, inverted poses, timestamps), their unit
-    and their motion. Nothing is written.
+    It checks images, annotations, whether the cameras fit the images (axes, inverted poses, timestamps), their unit and
+    their motion. It writes nothing.
 
     Parameters
     ----------
@@ -161,7 +162,7 @@ def view(
     web: Annotated[bool, Parameter(negative=())] = False,
     port: Annotated[int, Parameter(validator=Number(gte=1, lte=65534))] = WEB_PORT,
 ) -> None:
-    """Open what `solve --rerun save` logged in the rerun viewer.
+    """Open the log of `solve --rerun save` in the rerun viewer.
 
     Parameters
     ----------
@@ -170,9 +171,9 @@ def view(
     layout
         Folder that holds log.rrd; DIR/gtlayout when not given.
     web
-        Serve the web viewer to browsers on this machine, print its address and go on until Ctrl-C.
+        Serve the web viewer to browsers on this machine, and print its address, until Ctrl-C.
     port
-        With --web: the port to serve it on, and the one after it, which the log comes over.
+        With --web: the port to serve it on. The log uses the port after it.
     """
     log = (layout or scene_dir / FOLDER) / LOG_FILE
     if web:
@@ -185,10 +186,10 @@ def view(
 def report(
     scene_dir: SceneDir, /, *, layout: Path | None = None, against: Path | None = None, out: Path | None = None
 ) -> None:
-    """Write a page about a solved layout: verdict, elements, 3D view, annotated frames, timings, configuration.
+    """Write a page about a solved layout: verdict, instances, 3D view, annotated frames, timings, configuration.
 
-    It is one HTML file that needs no network and reads well on a phone. Of a run of `batch`, it is a page about all
-    scenes, the worst first, with links to theirs.
+    It is one HTML file that needs no network and fits a phone. For a run of `batch` it is a page about all scenes, the
+    worst first, with links to their pages.
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def report(
     layout
         Folder that holds layout.json; DIR/gtlayout when not given.
     against
-        Of a run: the folder of another one, to say what got better and what got worse.
+        For a run: the folder of another run, to show which scenes are better and which are worse.
     out
         The file to write; report.html beside layout.json, or in the folder of the run, when not given.
     """

@@ -20,7 +20,7 @@ from gtlayout.cli.console import NotNegative, Positive, stdout
 from gtlayout.quality.headline import Word
 
 SOME_FAILED = 3
-"""Exit status when not all scenes came to a layout."""
+"""Exit status when not all scenes have a layout."""
 TIMEOUT_S = 3600.0
 
 
@@ -37,12 +37,13 @@ def batch(
     restarts: Positive = 1,
     seed: NotNegative = 0,
 ) -> int:
-    """Solve every scene in folders of scenes, each in a process of its own; go on where an earlier run was cut short.
+    """Solve every scene in folders of scenes, each in a process of its own; continue an earlier run that was
+    interrupted.
 
-    Results go to OUT/scenes/, one row a scene to OUT/run.csv and OUT/run.parquet; `gtlayout report OUT` makes a page of
-    them. A scene is solved again only when its files, the settings or gtlayout have changed since. One that crashes,
-    hangs or takes too much memory is recorded with the reason, and the rest goes on. Exit status: 0 all came to a
-    layout, 3 some failed.
+    Results go to OUT/scenes/, one row per scene to OUT/run.csv and OUT/run.parquet; `gtlayout report OUT` makes a page
+    of them. A scene is solved again only when its files, the settings or gtlayout have changed since. One that crashes,
+    hangs or takes too much memory is recorded with the reason, and the others continue. Exit status: 0 all scenes
+    have a layout, 3 some failed.
 
     Parameters
     ----------
@@ -56,9 +57,9 @@ def batch(
     workers
         Scenes at a time on this machine; one for each core, fewer where memory is short, when not given.
     memory_limit
-        What a worker on this machine may take with its scene, as 4GiB; its share of the memory when not given.
+        Memory that a worker on this machine may use with its scene, as 4GiB; its share of the memory when not given.
     timeout
-        Seconds after which an attempt at a scene is given up; it has two.
+        Seconds after which an attempt to solve a scene is stopped. Each scene has two attempts.
     refine_cameras
         As in `solve`.
     restarts

@@ -33,12 +33,12 @@ def synth(
         Folder to make; it must not exist or be empty. With --count it may hold rooms made with the same flags.
     count
         Make a data set of so many rooms, OUT/room_0000 …, on all cores. Room, camera (orbit or dolly), images and
-        errors vary from clean to poor; flags that are given hold for all rooms. Those that are there are left as they
-        are: the same command again goes on, a greater number adds rooms.
+        errors vary from clean to poor; flags that are given hold for all rooms. Rooms that exist are not
+        changed: the same command again makes those that are missing, and a greater number adds rooms.
     config
-        What the room is made of.
+        The settings of the room.
     given
-        Fields of ``config`` that stand on the command line.
+        Fields of ``config`` that are given on the command line.
     """
     with progress_bars() as progress:
         if count is None:

@@ -1,1 +1,1 @@
-"""Stage 2: which elements of different key frames are one instance."""
+"""Stage 2: which elements of different key frames show one instance."""

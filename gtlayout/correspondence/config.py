@@ -1,4 +1,4 @@
-"""Tunables of stage 2."""
+"""Settings of stage 2."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ class CorrespondenceConfig:
     """Stage 2."""
 
     min_votes: float = 3.0
-    """Two elements become one instance from so many tracks on."""
+    """Least number of votes, in tracks, for two elements to become one instance."""
     carried_weight: float = 8.0
-    """What it counts, in tracks, that all of an element lands on another with the depth of the tracks around it."""
+    """Votes, in tracks, when all points of an element, at the depth of the tracks around them, land on another."""
     carried_points: int = 40
-    """Points spread over an element for that."""
+    """Points spread over an element for such votes."""
     depth_neighbours: int = 8
-    """Tracks whose median depth such a point takes."""
+    """Number of tracks whose median depth such a point takes."""
     max_relative_sigma: float = 0.15
-    """Tracks whose depth is known less well than this share of it do not lend it."""
+    """Tracks with a larger σ of depth than this share of the depth are not used for that."""

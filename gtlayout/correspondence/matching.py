@@ -1,8 +1,8 @@
-"""Stage 2: which elements of different key frames are the same physical one (paper 3.2).
+"""Stage 2: which elements of different key frames are the same instance (paper 3.2).
 
-Tracked points vote: a point on element i of one key frame that lies on element j of another says i = j. Surfaces on
-which nothing can be tracked get weak votes of a second kind: sample points carried over with the depth of the tracks
-around them.
+Tracked points vote: a point on element i of one key frame that lies on element j of another is a vote for i = j.
+Elements on which nothing can be tracked get weak votes of a second kind, from sample points that are carried over with
+the depth of the tracks around them.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _VOTE_DECIMALS = 9
-"""Votes are counts and shares of counts: what adding them up in another order changes is cut off, so that as many votes
-are as many on every processor.
+"""Votes are counts and shares of counts. Rounded to these decimals, their sums are equal on every processor for any
+order of summation.
 """
 
 
@@ -34,9 +34,9 @@ def correspond(
 ) -> tuple[tuple[Instance, ...], IntArray]:
     """Group all annotated elements into instances.
 
-    Consecutive key frames are matched by the Hungarian method on the votes, only equal labels and with a minimum of
-    support; the chains that result are joined across gaps by the votes between any two key frames. Two elements of
-    one key frame never become one instance.
+    Consecutive key frames are matched by the Hungarian method on the votes: equal labels only, with a minimum number of
+    votes. The resulting chains are joined across gaps by the votes between any two key frames. Two elements of one key
+    frame never become one instance.
 
     Returns:
         The instances, in order of first appearance, and (N,) the instance of each track, -1 = none.
@@ -117,8 +117,8 @@ def _carried_votes(
 ) -> FloatArray:
     """(E, E) how many of the points spread over element i land on element j with the depth of the tracks around them.
 
-    Only the well-known depths count, and each element has the same number of points, so that this matters where
-    tracks are few.
+    Only certain depths count, and each element has the same number of points, so that these votes matter where tracks
+    are few.
     """
     votes = np.zeros((first_of[-1], first_of[-1]))
     known = rays.sigma_rho < config.max_relative_sigma * rays.rho

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.evaluation.element_scores import (
+from gtlayout.evaluation.instance_scores import (
     PlaneError,
     found_in_annotations,
     found_in_truth,
@@ -28,7 +28,7 @@ from gtlayout.scene import FloatArray, Scene
 WORST_SHARE = 0.01
 """Real depth maps hold up to 1 % gross outliers."""
 CLOSE_M, NEAR_M = 0.05, 0.1
-"""What a user of a floor plan would call right, and what still tells which wall is which."""
+"""Errors that a user of a floor plan accepts, and errors up to which walls can still be told apart."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class DepthError:
     """Without the worst 1 % of pixels."""
     median: float
     within_5cm: float | None
-    """Share of all such pixels, those without a surface included; None where the unit is not the metre."""
+    """Share of all such pixels, including those without an instance; None where the unit is not the metre."""
     within_10cm: float | None
     pixels: int
     missing: int
-    """Such pixels at which the layout has no surface; they are in none of the three errors above."""
+    """Number of such pixels at which the layout shows no instance; they are in none of the three errors above."""
     by_instance: tuple[tuple[str, float, int], ...]
     """(name, mean error, pixels) of each instance whose visible parts have depth."""
 
@@ -60,9 +60,9 @@ class Evaluation:
     iou: float
     accepted: bool
     sigma_depth_share: float
-    """What the layout's covariances say of its depth, as ``Quality`` has it …"""
+    """σ of depth as a share of the depth, as in ``Quality``."""
     predicted: Prediction
-    """… and the verdict on it."""
+    """The verdict of the covariances alone, as in ``Quality``."""
     openings_iou: float | None
     instances: int
     unobservable: tuple[str, ...]
@@ -72,13 +72,13 @@ class Evaluation:
     missing_planes: tuple[str, ...]
     """True planes no instance stands for."""
     elements: int
-    """Annotated elements that the truth names."""
+    """Number of elements for which the truth names a plane."""
     elements_on_right_instance: int
     precision: float
     """Share of the instances that are right: normal within 9°, IoU of the extent with the true one at least 0.9, or of
     the rendering with the annotations where no truth is known."""
     recall: float
-    """Share of the true planes that are found so; without truth, of the annotated elements."""
+    """Share of the true planes for which there is a right instance; without truth, share of the elements."""
     wrong: tuple[str, ...]
     """Instances that are not right."""
 
@@ -138,8 +138,8 @@ def _check_members(scene: Scene, layout: Layout) -> None:
 
 
 def depth_error(scene: Scene, layout: Layout) -> DepthError | None:
-    """Over all pixels of visible parts with measured depth, each compared with the element it was drawn on or whatever
-    surface the layout shows there; None without any. Raises GtlayoutError when a depth map cannot be read.
+    """Over all pixels of visible parts with measured depth, compared with the depth of the rendered layout there; None
+    without any. Raises GtlayoutError when a depth map cannot be read.
     """
     errors: list[FloatArray] = []
     owners: list[int] = []

@@ -14,9 +14,9 @@ from gtlayout.scene import Scene
 
 Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf", "ifc", "usd", "scenescript"]
 Writer = Callable[[Path, Scene, Layout], None]
-"""Writes a layout, and what of its scene the format holds, to a file or a new folder: all of it or nothing.
+"""Writes a layout, and the parts of its scene that the format holds, to a file or a new folder: all of it or nothing.
 
-Raises GtlayoutError when the format cannot say what the layout is, or the disk does not take it.
+Raises GtlayoutError when the format cannot describe the layout, or it cannot be written.
 """
 
 
@@ -25,11 +25,11 @@ class Exporter:
     """A format that layouts are exported to."""
 
     file_name: str
-    """Of the file or folder that is written when no other is named."""
+    """Name of the file or folder when no other is given."""
     module: str
-    """That has the format's ``write``; imported only when it is needed."""
+    """The module with the format's ``write``; imported only when it is needed."""
     needs: str | None = None
-    """The optional extra of gtlayout that the module's own imports come with."""
+    """The optional extra of gtlayout that the module needs."""
 
     @property
     def suffix(self) -> str:
@@ -63,12 +63,12 @@ EXPORTERS: dict[Format, Exporter] = {
 def export_layout(path: Path, scene: Scene, layout: Layout, to: Format) -> None:
     """Write ``layout`` to ``path`` in one of the formats; ``scene`` is the one it was solved from.
 
-    Raises GtlayoutError when the format cannot say what the layout is, needs a package that is not installed, or the
-    disk does not take it; what was at ``path`` is then as it was.
+    Raises GtlayoutError when the format cannot describe the layout, needs a package that is not installed, or the file
+    cannot be written. What was at ``path`` is then unchanged.
     """
     EXPORTERS[to].load()(path, scene, layout)
 
 
 def unit(metric: bool) -> str:
-    """The unit of lengths, as every file that has units says it."""
+    """The unit of lengths, as it is written in all files."""
     return "m" if metric else "scene unit (not metric)"

@@ -1,4 +1,4 @@
-"""What a layout knows of its elements and of the room, as names and plain values: for formats that carry properties."""
+"""The facts of a layout about its instances and the room, as names and plain values, for formats with properties."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
 
 NOT_METRIC = "NOT METRIC: the scene's unit is unknown; every length is in that unit, whatever unit this file names"
-"""What a file says that must name a unit."""
+"""The note in a file whose format requires a unit."""
 Fact = bool | float | str
 
 
 def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
-    """What the layout knows of one observable element; what is not known is left out.
+    """The facts about one observable instance. What is not known is left out.
 
     ``sigma_normal_deg``; ``sigma_depth``, as layout.json has it, in the world unit; the plane n·X + d = 0 and the
     ``covariance_world`` of (n, d), by rows, in the world frame of the input cameras.
@@ -34,7 +34,7 @@ def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
         "name": instance.name,
         "label": instance.label,
         "note": plane.note,
-        "held_by": plane.support.held_by,
+        "dominant_evidence": plane.support.dominant_evidence,
         "normal_world": _row(plane.normal),
         "d_world": repr(float(plane.d)),
         "covariance_world": "; ".join(_row(row) for row in plane.covariance_world),
@@ -47,7 +47,7 @@ def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
 
 
 def scene_facts(scene: Scene, layout: Layout) -> dict[str, Fact]:
-    """What the layout knows of the room: its dimensions with σ, what it could not place, and the frame of its files."""
+    """The facts about the room: its dimensions with σ, instances that are not placed, and the frame of its files."""
     measured = {}
     for d in layout.dimensions:
         known = f" ± {d.sigma:.2g}" if is_known(d.sigma, d.length) else ""

@@ -24,7 +24,7 @@ def floor_frame(scene: Scene, layout: Layout, seen: Sequence[int]) -> tuple[Plan
 
     It is that of the largest floor. Without one it is parallel to the largest ceiling; without either it is upright on
     the walls, with the side up that the cameras have up; then it passes through the layout's lowest point.
-    ``seen``: indices of the elements whose place is known. Raises GtlayoutError when none of them says where up is.
+    ``seen``: indices of the instances whose place is known. Raises GtlayoutError when none of them says where up is.
     """
 
     def largest(label: Label) -> int | None:
@@ -58,7 +58,7 @@ def up_of_walls(scene: Scene, layout: Layout, seen: Sequence[int]) -> FloatArray
     _, strength, axes = np.linalg.svd(np.sqrt([[layout.extents[i].region.area] for i in walls]) * normals)
     if len(walls) > 1 and strength[1] > MIN_SINE * strength[0]:
         return axes[2] * np.copysign(1.0, axes[2] @ cameras_up)
-    # All walls are parallel: what the cameras say, as far as the walls leave it open.
+    # All walls are parallel: the cameras' up, as far as the walls leave it open.
     level_up: FloatArray = cameras_up - (cameras_up @ axes[0]) * axes[0]
     if np.linalg.norm(level_up) < MIN_SINE:
         raise GtlayoutError(

@@ -1,7 +1,7 @@
 """A layout seen from above: walls as lines on the floor plane, doors and windows as intervals on them.
 
-Pure geometry in world units; how it is drawn is the matter of ``plan_drawing``. Walls have no thickness: a layout knows
-their inner surfaces only.
+Pure geometry in world units; ``plan_drawing`` draws it. Walls have no thickness, because a layout knows only their
+inner sides.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
 UPRIGHT_SINE = float(np.sin(np.deg2rad(60.0)))
-"""What is less steep is no wall in a plan: its line on the floor may lie far from it, so it is drawn by its outline."""
+"""Less steep instances are drawn by their outline: their line on the floor may lie far from them."""
 CORNER_SHARE = 0.02
 """Walls whose ends come this near their lines' intersection, as a share of the plan's size, meet there (6 m: 12 cm)."""
 BAND_SIGMAS = 2.0
 MAX_BAND_SHARE = 0.5
-"""A band reaches no further to either side than this share of its wall's length: beyond, it says no more."""
+"""A band reaches no further to either side than this share of its wall's length: a wider band has no meaning."""
 _BAND_POINTS = 9
 _SAME_SHARE = 1e-9
 """Lengths that differ by less are equal."""
@@ -35,7 +35,7 @@ _SAME_SHARE = 1e-9
 
 @dataclass(frozen=True)
 class Footprint:
-    """The line in which an upright surface meets the floor plane."""
+    """The line in which an upright instance meets the floor plane."""
 
     name: str
     label: Label
@@ -46,7 +46,7 @@ class Footprint:
     drawn: FloatArray
     """(N, 2) intervals on it, as distances from the first end: without openings and parts that were not seen."""
     band: FloatArray
-    """(N, 2) corners of the area within two σ of the surface; none where σ is not known."""
+    """(N, 2) corners of the area within two σ of the plane; none where σ is not known."""
 
     @property
     def length(self) -> float:
@@ -60,7 +60,7 @@ class Footprint:
 
 @dataclass(frozen=True)
 class Outline:
-    """A surface that is not upright, dropped onto the floor plane."""
+    """An instance that is not upright, projected on the floor plane."""
 
     name: str
     label: Label
@@ -91,7 +91,7 @@ class FloorPlan:
     openings: tuple[Footprint, ...]
     """On the line of their wall; on their own plane's where they have no host."""
     outlines: tuple[Outline, ...]
-    """Floors, slanted surfaces, and windows in these."""
+    """Floors, slanted instances, and windows in these."""
     dimensions: tuple[PlanDimension, ...]
     metric: bool
 
@@ -105,9 +105,9 @@ class FloorPlan:
 
 
 def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
-    """The plan of a layout. Planes that nothing places, and ceilings, are not in it.
+    """The plan of a layout. Instances that are not placed, and ceilings, are not in it.
 
-    Raises GtlayoutError when there is nothing to draw, or nothing that tells which way is up.
+    Raises GtlayoutError when there is nothing to draw, or when the direction up is not known.
     """
     seen = [i for i, plane in enumerate(layout.planes) if plane.observable and not layout.extents[i].region.is_empty]
     frame, level = floor_frame(scene, layout, seen)
@@ -145,7 +145,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
 
 
 def _footprint(layout: Layout, i: int, frame: PlaneFrame) -> Footprint | None:
-    """Where an upright wall, door or window meets the floor plane; None for other surfaces."""
+    """Where an upright wall, door or window meets the floor plane; None for other instances."""
     instance, plane = layout.instances[i], layout.planes[i]
     across = frame.axes @ plane.normal
     sine = float(np.linalg.norm(across))

@@ -1,4 +1,4 @@
-"""GLB (binary glTF 2.0): one named node and material per element, y up."""
+"""GLB (binary glTF 2.0): one named node and material per instance, y up."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 
 def glb_bytes(layout: Layout) -> bytes:
-    """GLB with one named node and material per element, y up: rotated so that the floor (or the ceiling) is level."""
+    """GLB with one named node and material per instance, y up: rotated so that the floor (or the ceiling) is level."""
     mesh = layout.triangles
     turn = y_up(layout)
     scene = trimesh.Scene()

@@ -1,8 +1,8 @@
 """IFC4: walls, slabs, coverings, doors and windows in their hosts, each with its σ (ISO 16739-1:2018).
 
-A layout is surfaces, a building model is bodies. So each element is its outline, extruded by a nominal thickness *away*
-from the room: the face towards the room is the measured surface, and nothing behind it was seen. Walls therefore do not
-close at the outer corners.
+A layout consists of surfaces, a building model of bodies. So each instance is its outline, extruded by a nominal
+thickness *away* from the room. The face towards the room is measured; nothing behind it was seen. Walls therefore do
+not close at the outer corners.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 from gtlayout.version import __version__
 
 THICKNESS_M: dict[Label, float] = {"door": 0.04, "window": 0.04}
-"""Nominal, of doors and windows …"""
+"""Nominal thickness of doors and windows."""
 SHELL_THICKNESS_M = 0.1
-"""… and of all that they can lie in."""
+"""Nominal thickness of all other instances."""
 ROOM_M = 6.0
-"""What the size of a scene that is not metric stands for where a thickness is chosen."""
+"""Assumed size of a scene that is not metric, by which its thicknesses are chosen."""
 CLASSES: dict[Label, tuple[str, str]] = {
     "wall": ("IfcWall", "NOTDEFINED"),
     "floor": ("IfcSlab", "FLOOR"),
@@ -54,9 +54,9 @@ _GAP = 1e-6
 def write(path: Path, scene: Scene, layout: Layout) -> None:
     """Write an IFC4 file: z up, the floor's normal turned to +z, nothing shifted. The same layout gives the same bytes.
 
-    Unobservable elements have no place and are only named, in the properties of the space. A scene that is not metric
-    says so in the project's description and in each property set. GUIDs come from the names of scene folder and
-    element, so that they stay when a scene is solved again.
+    Unobservable instances have no place and are only named, in the properties of the space. For a scene that is not
+    metric the project's description and each property set state so. GUIDs come from the names of scene folder and
+    instance, so that they stay when a scene is solved again.
 
     Raises:
         GtlayoutError: the disk does not take the file.
@@ -100,7 +100,7 @@ class _Model:
         header = self._file.header
         header.file_description.description = ("ViewDefinition [DesignTransferView_V1.0]",)
         header.file_name.name = "layout.ifc"
-        # A moment would make every file another.
+        # A time stamp would make the bytes differ.
         header.file_name.time_stamp = "1970-01-01T00:00:00"
         header.file_name.author = header.file_name.organization = ("",)
         header.file_name.originating_system = f"gtlayout {__version__}"

@@ -1,4 +1,4 @@
-"""Wavefront OBJ with its MTL: one named group and material per element."""
+"""Wavefront OBJ with its MTL: one named group and material per instance."""
 
 from __future__ import annotations
 

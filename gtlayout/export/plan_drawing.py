@@ -35,7 +35,7 @@ class Area:
     rings: tuple[FloatArray, ...]
     """(N, 2) each, the first point not repeated."""
     name: str
-    """The element it belongs to."""
+    """The instance it belongs to."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Line:
     points: FloatArray
     """(N, 2)."""
     name: str = ""
-    """The element it belongs to."""
+    """The instance it belongs to."""
     closed: bool = False
 
 
@@ -149,7 +149,7 @@ def _rings(region: shapely.MultiPolygon) -> list[FloatArray]:
 
 
 def _door(plan: FloorPlan, door: Footprint) -> tuple[list[Line], list[Arc]]:
-    """The leaf, open, and the way it swings: a symbol, for no one knows which way the door opens.
+    """The leaf, open, and the way it swings: a symbol, because it is not known which way the door opens.
 
     It hangs at the end that is nearer to a corner and opens into the room.
     """

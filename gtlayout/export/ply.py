@@ -8,7 +8,7 @@ import trimesh
 
 from gtlayout.export import unit
 from gtlayout.io.files import write_atomic
-from gtlayout.layout import Layout, surface
+from gtlayout.layout import Layout, as_trimesh
 from gtlayout.scene import Scene
 
 
@@ -18,8 +18,8 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 
 def ply_bytes(layout: Layout) -> bytes:
-    """``surface`` as binary PLY."""
-    content = bytes(trimesh.exchange.ply.export_ply(surface(layout), encoding="binary"))
+    """The mesh as binary PLY."""
+    content = bytes(trimesh.exchange.ply.export_ply(as_trimesh(layout), encoding="binary"))
     # Comments stand after the line that names the format (Turk, The PLY Polygon File Format); trimesh writes none.
     magic, format_line, rest = content.split(b"\n", 2)
     return b"\n".join([magic, format_line, f"comment unit: {unit(layout.metric)}".encode(), rest])

@@ -21,7 +21,7 @@ from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
 
 MAX_TILT_DEG = 10.0
-"""A surface further from upright is no wall in this language."""
+"""An instance further from upright is no wall in this language."""
 _FIRST_ID = {"door": 1000, "window": 2000}
 """As in the authors' files; walls count from 0."""
 
@@ -43,11 +43,12 @@ class _Wall:
 def write(path: Path, scene: Scene, layout: Layout) -> None:
     """Write one command a line: walls, then doors, then windows.
 
-    Left out is what the language has no word for: floor, ceiling and slanted surfaces, walls more than ``MAX_TILT_DEG``
-    from upright, doors and windows that lie in none of the walls. Outlines become the rectangles about them.
+    Left out is what the language cannot describe: floor, ceiling and slanted instances, walls more than
+    ``MAX_TILT_DEG`` from upright, doors and windows that lie in none of the walls. Outlines become the rectangles about
+    them.
 
     Raises:
-        GtlayoutError: the scene is not metric, which the language cannot say; or the disk does not take the file.
+        GtlayoutError: the scene is not metric, which the language cannot describe; or the disk does not take the file.
     """
     if not layout.metric:
         raise GtlayoutError(

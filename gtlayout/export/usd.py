@@ -1,4 +1,4 @@
-"""USD as text (.usda): one mesh per element under /Room, z up, with its σ as a primvar and as attributes.
+"""USD as text (.usda): one mesh per instance under /Room, z up, with its σ as a primvar and as attributes.
 
 Names are as in OpenUSD's documentation of UsdGeomMesh, UsdGeomPrimvar and the stage metadata upAxis and metersPerUnit.
 """
@@ -27,8 +27,8 @@ _TYPES = {bool: Sdf.ValueTypeNames.Bool, float: Sdf.ValueTypeNames.Double, str: 
 def write(path: Path, scene: Scene, layout: Layout) -> None:
     """Write a .usda file: the floor's normal turned to +z, nothing shifted. The same layout gives the same bytes.
 
-    Elements without triangles are left out. A stage must name its unit: a scene that is not metric gets a metre all the
-    same, and says that it is none in the stage's comment and on each prim.
+    Instances without triangles are left out. A stage must name its unit. For a scene that is not metric it is the
+    metre, too, and the stage's comment and each prim state that the scene is not metric.
 
     Raises:
         GtlayoutError: the disk does not take the file.
@@ -47,7 +47,7 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
     for i, instance in enumerate(layout.instances):
         faces = layout.triangles.faces[layout.triangles.face_instance == i]
         if len(faces):
-            # A name may hold what no path does, and two may then become one.
+            # A name may contain characters that no path has. Two names may then become one.
             name = Tf.MakeValidIdentifier(printable(instance.name))
             taken = stage.GetPrimAtPath(f"{ROOM}/{name}").IsValid()
             mesh = UsdGeom.Mesh.Define(stage, f"{ROOM}/{name}_{i}" if taken else f"{ROOM}/{name}")
@@ -59,7 +59,7 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
 
 
 def _shape(mesh: UsdGeom.Mesh, points: FloatArray, faces: IntArray, sigma: FloatArray) -> None:
-    """Points that the faces use, the faces, and ``primvars:sigma``: σ of the surface along its normal at each point."""
+    """Points that the faces use, the faces, and ``primvars:sigma``: σ of the plane along its normal at each point."""
     used, renumbered = np.unique(faces, return_inverse=True)
     own = Vt.Vec3fArray.FromNumpy(points[used].astype(np.float32))
     mesh.CreatePointsAttr(own)

@@ -1,4 +1,4 @@
-"""Tunables of stages 5 and 6."""
+"""Settings of stages 5 and 6."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ class ExtentConfig:
     """Stages 5 and 6."""
 
     max_growth: float = 0.10
-    """Refinement extends an element to its neighbour's plane when its area grows by at most this share (paper 3.4)."""
+    """Refinement extends an extent to its neighbour's plane when its area grows by at most this share (paper 3.4)."""
     max_cut: float = 0.10
-    """… and cuts a piece beyond the neighbour's plane when it is less than this share of the area (paper 3.4)."""
+    """It cuts off a piece beyond the neighbour's plane that is at most this share of the area (paper 3.4)."""
     min_angle_deg: float = 10.0
-    """Planes that meet at less than this angle have no intersection line worth refining to."""
+    """Extents are not refined to a plane that meets theirs at less than this angle."""
     max_depth_ratio: float = 10.0
-    """A key frame's polygon is clipped where its plane is farther than so many times the scene's median depth."""
+    """A key frame's element is clipped where its plane is farther than this multiple of the scene's median depth."""
     min_horizon_px: float = 10.0
-    """… and where it comes this near to the plane's horizon: a pixel there moves the point by a tenth of its depth."""
+    """It is also clipped this near to the plane's horizon: a pixel there moves the point by a tenth of its depth."""
     max_sigma_depth_share: float = 0.5
-    """An element ends where the σ of its depth is more than this share of the depth: from there on two σ of the inverse
-    depth reach zero, and the surface may be anywhere from the camera to infinity …"""
+    """An extent ends where the σ of its depth exceeds this share of the depth, and ``max_sigma_growth`` is exceeded.
+    From there on two σ of the inverse depth reach zero, so the plane may be at infinity."""
     max_sigma_growth: float = 2.0
-    """… and more than so many times the least on it: what is known nowhere keeps the shape that was drawn."""
+    """An extent reaches at least to this multiple of its least σ, so that one that is known nowhere is not empty."""
     occluder_margin: float = 0.05
-    """What is drawn nearer than a plane by more than this share of its depth may hide it, all else contradicts it."""
+    """What is drawn nearer than a plane by more than this share of its depth may hide it. All else contradicts it."""
     min_piece: float = 0.005
-    """Separate pieces and holes below this share of an element's area are gaps between drawn polygons: dropped."""
+    """Separate pieces and holes below this share of an extent's area are gaps between drawn polygons: dropped."""

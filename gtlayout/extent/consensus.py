@@ -1,4 +1,4 @@
-"""What most key frames say an instance covers."""
+"""The region that an instance covers, by a vote of the key frames."""
 
 from __future__ import annotations
 
@@ -30,11 +30,12 @@ def consensus(
     grid: float,
     config: ExtentConfig,
 ) -> BaseGeometry:
-    """What most key frames say an instance covers, in its plane's frame.
+    """The region that an instance covers, by a vote of the key frames, in its plane's frame.
 
-    The paper takes the union of the polygons of all key frames: every slip of a hand or a camera then adds to it. Here
-    all polygons' boundaries cut the plane into faces, and a face belongs to the instance unless more key frames see
-    something else there, on or behind the plane, than see the instance. Something in front may hide it: no vote.
+    The paper takes the union of the polygons of all key frames, to which every error of a hand or a camera adds. Here
+    the boundaries of all polygons cut the plane into faces. A face belongs to the instance unless more key frames see
+    something else there, on or behind the plane, than see the instance. Something in front of the plane may hide the
+    instance, and gives no vote.
     """
     plane, host = planes[index], instances[index].host
     own = {member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members}
@@ -85,7 +86,7 @@ def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
 def straight(geometry: BaseGeometry, grid: float) -> MultiPolygon:
     """The polygonal part of a geometry without corners on straight lines, its corners in an order of their own.
 
-    Overlays leave such corners by chance; whatever goes on from here has the same to go on with.
+    Overlays leave such corners by chance. Without them the later steps get the same input on every processor.
     """
     return polygons(shapely.normalize(shapely.simplify(polygons(geometry), _STRAIGHT_STEPS * grid)))
 

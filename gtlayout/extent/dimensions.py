@@ -28,7 +28,7 @@ def room_dimensions(
 ) -> tuple[Dimension, ...]:
     """Every distance from a floor to a ceiling and from a wall to a wall that face each other; observable planes only.
 
-    Two surfaces face each other when their normals are opposite within ``MAX_ANGLE_DEG``, each lies in front of the
+    Two instances face each other when their normals are opposite within ``MAX_ANGLE_DEG``, each lies in front of the
     other, and their extents overlap in the direction that bisects them. The distance is taken in that direction,
     through the overlap's centroid: for parallel planes it is the distance, for others the mean of the distances of each
     end from the other plane, divided by the cosine of half their angle.

@@ -1,4 +1,4 @@
-"""Stage 5: the finite part of its plane that each element covers (paper 3.4)."""
+"""Stage 5: the finite part of its plane that each instance covers (paper 3.4)."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def compute_extents(
     edges: Sequence[ContactEdge],
     config: ExtentConfig,
 ) -> tuple[Extent, ...]:
-    """Each instance's extent: the union of its unprojected polygons, refined to the planes it touches.
+    """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
-    A host (wall) covers the masks of its doors and windows too; these keep an extent of their own. Unobservable
+    A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
     planes get empty regions. An extent ends where the depth is unknown.
     """
     depth = median_depth(scene, instances, planes)
@@ -59,7 +59,7 @@ def compute_extents(
 def _ended(
     region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], grid: float, config: ExtentConfig
 ) -> MultiPolygon:
-    """The region without what may be anywhere; ``cameras`` are those it was drawn in."""
+    """The part of the region whose depth is known; ``cameras`` are those it was drawn in."""
     known = known_part(region, plane, frame, cameras, config)
     return region if known is region else tidy(known, grid, config)
 

@@ -1,4 +1,4 @@
-"""Where on its plane an element may be anywhere: its extent ends there.
+"""The part of an extent whose depth is known: an extent ends where its plane is too uncertain.
 
 Seen from a camera at distance D from a plane, the σ of depth as a share of the depth is σ / D at every point, with σ
 that of the plane's position along its normal there. σ² is a quadratic of the place on the plane, so the places with σ
@@ -20,9 +20,9 @@ from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.scene import Camera, FloatArray
 
 _SAMPLES = 100
-"""Points of an element among which the one with the least σ is looked for."""
+"""Points of a region among which the one with the least σ is found."""
 _CORNERS = 64
-"""Of the polygon within an ellipse: it has all but .2 % of its area."""
+"""Corners of the polygon within an ellipse: it covers all but .2 % of its area."""
 _FLAT = 1e-9
 """σ² is taken to change over a region by at least this share of its limit: no ellipse is endless."""
 _STENCIL = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1]], dtype=np.float64)
@@ -31,9 +31,9 @@ _STENCIL = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1]], dtype=np
 def known_part(
     region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], config: ExtentConfig
 ) -> BaseGeometry:
-    """What of a region, in ``frame``, has a depth that is known well enough to the camera farthest off the plane.
+    """The part of a region, in ``frame``, whose depth is known well enough from the camera farthest off the plane.
 
-    The region itself when all of it has, and where nothing is known of σ.
+    The region itself when that is all of it, and where σ is not known.
     """
     if region.is_empty or not cameras:
         return region
@@ -44,7 +44,7 @@ def known_part(
     least = float(min(at_vertices.min(), within.min()))
     distance = max(abs(float(plane.normal @ camera.center_world) + plane.d) for camera in cameras)
     limit = max(config.max_sigma_depth_share * distance, config.max_sigma_growth * least)
-    # The ellipse is convex: what has its vertices in it is in it.
+    # The ellipse is convex: a region with all vertices in it is in it.
     return region.intersection(_ellipse(plane, frame, limit, region)) if (at_vertices > limit).any() else region
 
 

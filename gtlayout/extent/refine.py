@@ -97,7 +97,7 @@ def refine(
 def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> FloatArray:
     """The line's coefficients with the sign that is positive where the region meets the contact.
 
-    Not where most of the region lies: the floor goes on past the end of a pillar or cabinet that juts into the room.
+    Not where most of the region lies: the floor continues past the end of a pillar or cabinet that juts into the room.
     """
     distance = homogeneous(shapely.get_coordinates(contact)) @ line
     # Through the contact as drawn, which borders the region even where the planes' own intersection is off.
@@ -109,7 +109,7 @@ def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> F
 
 
 def _reach(line: FloatArray, contact: BaseGeometry) -> float:
-    """How far from the intersection line an element's drawn boundary may lie: twice the contact's distance."""
+    """How far from the intersection line an extent's boundary may lie: twice the contact's distance."""
     return 2 * float(np.abs(homogeneous(shapely.get_coordinates(contact)) @ line).max())
 
 

@@ -1,1 +1,1 @@
-"""Polygons, pixels, planes seen by cameras: what every stage after tracking measures with."""
+"""Polygons, pixels, and planes seen by cameras, for all stages after tracking."""

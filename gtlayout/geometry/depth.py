@@ -1,4 +1,4 @@
-"""How far off planes are where something is drawn, and how well that is known."""
+"""Depths of planes where elements are drawn, and their σ."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[P
 
 
 def centroid_of_largest(scene: Scene, instance: Instance) -> tuple[Camera, FloatArray]:
-    """The camera that the largest annotated polygon of an instance was drawn in, and its centroid there, (1, 2) px."""
+    """The camera of the key frame with the largest element of an instance, and the element's centroid, (1, 2) px."""
     k, element = max(instance.members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
     centroid = scene.key_frames[k].elements[element].amodal.centroid
     return scene.frame_of(k).camera, np.array([[centroid.x, centroid.y]])
 
 
 def depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
-    """σ of the depth, and the depth, where the plane is seen through the centroid of the largest annotated polygon."""
+    """σ of the depth, and the depth, where the plane is seen through the centroid of the largest element."""
     sigma, depth = sigma_depth(plane, *centroid_of_largest(scene, instance))
     return float(sigma[0]), float(depth[0])
 

@@ -20,7 +20,7 @@ _DECIMALS = 6
 
 
 def find_hosts(scene: Scene, instances: Sequence[Instance]) -> list[int | None]:
-    """The host of each door and window: the instance they share most border with over all key frames; else None."""
+    """The host of each door and window: the instance that it shares most border with over all key frames; else None."""
     shared = np.zeros((len(instances), len(instances)))
     for k, key_frame in enumerate(scene.key_frames):
         here = {element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k}

@@ -25,8 +25,8 @@ def polygons(geometry: BaseGeometry) -> MultiPolygon:
 def grid_for(size: float) -> float:
     """The step of the grid on which geometry of this size lies: a power of two, so that its coordinates are exact.
 
-    What only rounding tells apart, and with it one kind of processor from another, is one there: no decision hangs on
-    the last bit. 0, no grid, for a size that is not finite.
+    Coordinates that differ only by rounding, and so between kinds of processors, are equal on it: no decision depends
+    on the last bit. 0, no grid, for a size that is not finite.
     """
     return float(np.exp2(np.floor(np.log2(_GRID_SHARE * size)))) if np.isfinite(size) else 0.0
 

@@ -41,9 +41,9 @@ def extract_frames(
 ) -> Extraction:
     """Write the sharpest frame of each 1 / ``rate_hz`` seconds of ``video`` into ``folder`` (made if absent).
 
-    A video with fewer frames a second gives all it has. One frame at a time is held. ``progress`` is told (frames
-    seen, frames in all). Raises GtlayoutError when the rate is no positive number, the video cannot be read, or the
-    folder cannot be written.
+    A video with fewer frames a second gives all it has. One frame at a time is held. ``progress`` is called
+    with (frames seen, frames in all). Raises GtlayoutError when the rate is no positive number, the video cannot be
+    read, or the folder cannot be written.
     """
     if not 0 < rate_hz < math.inf:
         raise GtlayoutError(f"frames per second must be a positive number, not {rate_hz}")

@@ -1,4 +1,4 @@
-"""From whatever there is to a scene folder in the native form: undistorted; with cameras found and a unit, if asked."""
+"""From any known input to a scene folder in the native form: undistorted; on demand with cameras and unit found."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 @dataclass(frozen=True)
 class Imported:
-    """A scene as it was read, before it was written."""
+    """A scene as it was read, before it is written."""
 
     scene: Scene
     messages: tuple[str, ...]
-    """What was found out on the way, a line each."""
+    """Results on the way, one line each."""
 
 
 def import_scene(
@@ -48,10 +48,10 @@ def import_scene(
     """Write what ``source`` holds to the new scene folder ``out``: all of it or nothing.
 
     ``source`` is a folder with cameras or, where ``rate_hz`` is given, a video (that many frames a second are taken) or
-    a folder of images, whose cameras COLMAP then finds. ``depth_scale`` and ``known_distance`` are files that say how
-    long the unit is.
+    a folder of images, whose cameras COLMAP then finds. ``depth_scale`` and ``known_distance`` are files that
+    determine the unit.
 
-    Raises GtlayoutError when something is missing, wrong, or cannot be found out; ``out`` is then not there.
+    Raises GtlayoutError when something is missing, wrong, or cannot be determined. ``out`` is then not created.
     """
     if depth_scale is not None and known_distance is not None:
         raise GtlayoutError("the unit can come from --depth-scale or from --known-distance, not from both")
@@ -89,7 +89,7 @@ def import_scene(
 def _with_colmap(
     source: Path, annotations: Path | None, rate_hz: float, work: Path, observer: Observer
 ) -> tuple[Scene, pycolmap.Reconstruction, tuple[str, ...]]:
-    """The scene whose cameras COLMAP finds, what it found them by, and what there is to say."""
+    """The scene with the cameras that COLMAP finds, COLMAP's model, and messages."""
     warnings: tuple[str, ...] = ()
     if source.is_file():
         root, images = work, work / "images"

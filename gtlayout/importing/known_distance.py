@@ -1,4 +1,4 @@
-"""The metric scale from one distance that somebody measured: two points of the room, marked in several frames."""
+"""The metric scale from one measured distance: two points of the room, marked in several frames."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from gtlayout.io.files import read_json
 from gtlayout.scene import Camera, FloatArray, Frame, Scene
 
 SIGMA_MARK_PX = 1.0
-"""How well a point is marked."""
+"""σ of a mark."""
 MAX_RESIDUAL_PX = 5.0
-"""A mark that lies further from where the others say is of another point."""
+"""A mark that is further from where the others place the point is of another point."""
 MIN_ANGLE_DEG = 2.0
-"""Between the two most different rays to a point; below, its depth is a guess."""
+"""Between the two most different rays to a point; below, its depth is not determined."""
 MAX_SIGMA_SHARE = 0.1
-"""A scale known less well is not worth calling metric."""
+"""A scale with a larger σ does not make a scene metric."""
 MAX_METRES = 1000.0
 STEPS = 20
 FORM = '{"metres": 2.03, "points": [{"IMAGE": [x, y], "IMAGE": [x, y]}, {…}]}'
@@ -42,7 +42,7 @@ def scale_from_distance(scene: Scene, path: Path) -> Scale:
 
     The file is ``{"metres": 2.03, "points": [{"a.jpg": [x, y], "b.jpg": [x, y]}, {…}]}``: per point its pixels in two
     or more frames, in the image file as it is, (0, 0) the top-left corner of the top-left pixel. σ follows from marks
-    good to 1 px. Raises GtlayoutError naming file, point and frame when something is no such thing, the frames see a
+    good to 1 px. Raises GtlayoutError naming file, point and frame when the content is not valid, the frames see a
     point from nearly the same place, the marks of a point disagree, or the scale would be known to less than 10 %.
     """
     data = read_json(path)

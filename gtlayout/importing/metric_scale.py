@@ -18,7 +18,7 @@ from gtlayout.io.pixels.images import MM_PER_UNIT, SATURATED, decode
 from gtlayout.scene import BoolArray, FloatArray, Scene
 
 MIN_POINTS = 30
-"""Fewer points with a measured depth decide nothing."""
+"""Least number of points with a measured depth."""
 MAX_SPREAD = 0.2
 """Depth and points that differ by more, whatever the scale (σ, as a share), are not of one scene."""
 MAX_JUMP = 0.05

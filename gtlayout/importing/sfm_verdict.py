@@ -1,4 +1,4 @@
-"""What structure from motion came to, in words that say what to film otherwise."""
+"""The result of structure from motion, as messages that say what to film differently."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import groupby
 from gtlayout.importing.frame_extraction import time_of
 
 FEW_FEATURES = 100
-"""An image with fewer shows next to nothing that could be found again."""
+"""An image with fewer shows hardly anything that could be found again."""
 LINKED = 15
 """Matches that agree with one motion; COLMAP takes no pair of images with fewer."""
 MIN_PARALLAX_DEG = 3.0
@@ -17,14 +17,14 @@ MIN_PARALLAX_DEG = 3.0
 MAX_FOCAL_SIGMA = 0.03
 """As a share; a wrong focal length bends and stretches the room."""
 OTHER_MODEL = 3
-"""Images that another model must add to be worth a word."""
+"""Images that another model must add to be mentioned."""
 SPANS = 4
 """More stretches of the video are only counted."""
 
 
 @dataclass(frozen=True)
 class Matching:
-    """What was found in the images before any camera was."""
+    """Features and matches of the images, before any camera is found."""
 
     names: tuple[str, ...]
     """Images in the order of the video."""
@@ -35,7 +35,7 @@ class Matching:
 
 
 def no_model(matching: Matching) -> str:
-    """Why there may be no model at all, and what would help."""
+    """A reason why there is no model, and what to film differently."""
     names, count = matching.names, len(matching.names)
     bare = [i for i, features in enumerate(matching.features) if features < FEW_FEATURES]
     if 2 * len(bare) >= count:

@@ -18,7 +18,7 @@ from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
 
 NO_FOCAL_SIGMA = 0.1
-"""As a share: a model whose focal length may be anything is none."""
+"""As a share: a model with a larger σ of the focal length is not used."""
 LENS = "SIMPLE_RADIAL"
 """f and k. A free lens (fx, fy, k1, k2, p1, p2) fits the tracks better and the rooms worse, and starts models that fit
 two frames and no room."""
@@ -30,13 +30,13 @@ SEED = 0
 MAX_STEP = 512
 """Frames are matched with those 1, 2, 4 … frames on, so far: a camera that comes back is recognised."""
 IMAGES_AT_ONCE, PAIRS_AT_ONCE = 8, 64
-"""Between so many, progress is told and an interruption heard."""
+"""After this many, progress is reported and an interruption is possible."""
 PARALLAX_POINTS = 2000
 
 
 @dataclass(frozen=True)
 class SfmResult:
-    """The largest model found, and what speaks for and against it."""
+    """The largest model found, and measures of its quality."""
 
     reconstruction: pycolmap.Reconstruction
     names: tuple[str, ...]
@@ -69,10 +69,10 @@ def reconstruct(images: Path, names: Sequence[str], work: Path, observer: Observ
     """Find the cameras of the images ``names``, in the order of the video, in folder ``images``: one lens for all.
 
     The scale is arbitrary. The database and whatever COLMAP writes go to the folder ``work``, which must exist and is
-    the caller's to remove. Stages and progress are told to ``observer``. Deterministic: the same images give the same
-    model, on however many cores.
+    the caller's to remove. Stages and progress are reported to ``observer``. Deterministic: the same images give the
+    same model, on however many cores.
 
-    Raises GtlayoutError, saying what to film otherwise, when there are fewer than 3 images or no model is found.
+    Raises GtlayoutError, which says what to film differently, when there are fewer than 3 images or no model is found.
     """
     observer = observer or Observer()
     if len(names) < MIN_IMAGES:
@@ -239,7 +239,7 @@ def _focal(model: pycolmap.Reconstruction, *, straight: bool) -> tuple[float, fl
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """COLMAP logs to the terminal; what matters of it is said in our words."""
+    """COLMAP logs to the terminal; our messages report what matters of it."""
     log = pycolmap.logging
     before = log.minloglevel, log.stderrthreshold, log.logtostderr, log.alsologtostderr
     log.minloglevel, log.stderrthreshold = log.FATAL.value, log.FATAL.value

@@ -1,1 +1,1 @@
-"""Files: every format of cameras, annotations and pixels that people have, read and written."""
+"""Files: readers and writers of all known formats of cameras, annotations and pixels."""

@@ -141,7 +141,7 @@ def _parsed(path: Path) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Plain lists, dicts and numbers that JSON can say."""
+    """Plain lists, dicts and numbers that JSON can hold."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, dict):

@@ -51,7 +51,7 @@ SCENE_FILE = "scene.json"
 
 
 def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool = True) -> Scene:
-    """Read the scene folder ``root``: cameras, images, annotations, optional depth; finds out by itself what is there.
+    """Read the scene folder ``root``: cameras, images, annotations, optional depth, in any known format.
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
     thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. Cameras with
@@ -59,12 +59,12 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
     folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
     a scene without annotations is one without key frames.
 
-    ScanNet and phone scans are metric. Most formats do not say what their unit is: their scenes count as metric when
+    ScanNet and phone scans are metric. Most formats do not state their unit. Their scenes count as metric when
     depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
     ``{"metric": false}`` overrules both.
 
-    Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or wrong beyond repair;
-    what was repaired or skipped stands in ``Scene.warnings``.
+    Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
+    ``Scene.warnings`` lists what was repaired or skipped.
     """
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")

@@ -1,4 +1,4 @@
-"""What a reader hands over, whatever the format: posed images with their own lens model, raw annotations.
+"""The results of all readers: posed images with their own lens model, raw annotations.
 
 A new format is one file that fills these types and one entry in ``gtlayout.io``'s tuple of readers.
 """
@@ -54,7 +54,7 @@ class PosedImages:
     images: tuple[PosedImage, ...]
     warnings: tuple[str, ...] = ()
     metric: bool | None = None
-    """Whether the format's unit is the metre; None = it does not say."""
+    """Whether the format's unit is the metre; None = the format does not state it."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class RawShape:
     group: str | None = None
     """Elements of a group with the same label are parts of one; a visible part belongs to one of its group."""
     z_order: int = 0
-    """Where surfaces that bound the room overlap, the higher one is in front."""
+    """Where elements that bound the room overlap, the higher one is in front."""
 
 
 @dataclass(frozen=True)

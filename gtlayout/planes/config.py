@@ -1,4 +1,4 @@
-"""Tunables of stage 4."""
+"""Settings of stage 4."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class InitializationConfig:
-    """Stage 4, starting planes: costs by which hypotheses are chosen (σ of tracks is whitened already).
+    """Stage 4, starting planes: costs by which hypotheses are chosen (residuals of tracks are in σ).
 
     Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others.
     """
@@ -17,145 +17,145 @@ class InitializationConfig:
     draws_per_edge: int = 10
     """Hypotheses from each contact edge with a random track."""
     sweeps: int = 3
-    """How often every element is chosen again in the light of the others."""
+    """How often the plane of every instance is chosen again, given all others."""
     max_tracks: int = 100
-    """Tracks of an element that take part."""
+    """Most tracks of an instance that are used."""
     unknown_depth_share: float = 0.25
-    """In the order in which elements are placed a track whose σ is this share of its depth counts nothing, one whose
-    depth is known exactly counts fully."""
+    """σ as a share of the depth from which on a track counts nothing in the order in which instances are placed. A
+    track whose depth is known exactly counts fully."""
     placed_contact_tracks: float = 3.0
-    """In the same order, worth of a contact edge with something placed already, in tracks."""
+    """Weight, in tracks, of a contact edge with an instance that is already placed, in the same order."""
     anchors: int = 20
-    """Tracks of an element through which planes parallel to others are tried."""
+    """Tracks of an instance through which planes parallel to others are tried."""
     track_cutoff: float = 3.0
-    """A track off by more σ than this is an outlier."""
+    """A track that is off by more σ is an outlier."""
     max_track_weight: float = 60.0
-    """More tracks than this do not count more: their errors are not independent."""
+    """More tracks than this do not weigh more, because their errors are not independent."""
     edge_weight: float = 5.0
-    """Worth of a contact edge, in tracks."""
+    """Weight of a contact edge, in tracks."""
     edge_cutoff_px: float = 18.0
-    """A contact edge off by more than this is wrong."""
+    """A contact edge that is off by more is an outlier."""
     perpendicularity_weight: float = 10.0
-    """Worth of a right angle, in tracks."""
+    """Weight of a right angle, in tracks."""
     perpendicularity_cutoff: float = 0.15
-    """sin of the deviation from which on an angle is not right at all."""
+    """sin of the deviation from which on an angle is not taken for a right angle."""
     manhattan_weight: float = 2.0
-    """Worth, in tracks, of a wall at right angles or parallel to the others."""
+    """Weight, in tracks, of a wall at right angles or parallel to the others."""
     usual_depth_weight: float = 0.5
-    """Price, in tracks, of a depth e times or 1/e of the points' median depth."""
+    """Cost, in tracks, of a depth that is e times or 1/e of the points' median depth."""
     absurd_weight: float = 5.0
-    """Price of an element drawn where its plane cannot be seen."""
+    """Cost, in tracks, of an instance that is drawn where its plane cannot be seen."""
 
 
 @dataclass(frozen=True)
 class UncertaintyConfig:
-    """Stage 4, covariances: errors that are expected; the residuals then say how many times as large they are."""
+    """Stage 4, covariances: the errors that are expected. The residuals show how many times as large they are."""
 
     relative_depth: float = 0.006
-    """Error of depth that all points of a surface in one key frame share."""
+    """Relative error of depth that all points of an instance in one key frame share."""
     of_track: float = 0.3
-    """… and what adds to it in σ of a track there: at small parallax errors of cameras weigh more."""
+    """Share of the σ of the tracks there that is added to it: at small parallax errors of cameras have more effect."""
     shared_share: float = 1.4
-    """Error that all key frames of a surface share, in errors of one key frame."""
+    """Error that all key frames of an instance share, as a multiple of that of one key frame."""
     least_trust: float = 0.01
-    """Surfaces are trusted by the share of their points that could be followed; none less than this."""
+    """Lower limit of the trust in an instance, which is the share of its points that could be followed."""
     student_freedom: float = 8.0
-    """Degrees of freedom of the Student t by which all errors are distributed."""
+    """Degrees of freedom of the Student t distribution of all errors."""
     prior_measurements: float = 6.0
-    """How many residuals of the expected size are taken as seen already, per family of errors."""
+    """Number of residuals of the expected size that are added to each family of errors."""
     rounds: int = 15
     """Iterations of expectation maximisation."""
     sigma_inflation: float = 2.0
-    """σ is so many times what the residuals show: part of the errors show in none. Measured on synthetic rooms."""
+    """Factor on σ, because part of the errors show in no residual. Measured on synthetic rooms."""
 
 
 @dataclass(frozen=True)
 class EstimationConfig:
     """Stage 4: noise model. The unit of length is 1/2.5 of the median depth: about a metre in a room.
 
-    Pixels of drawings (not of tracks) are those of an image of 640x480; see ``Camera.annotation_scale`` for others.
+    Pixels of annotations (not of tracks) are those of an image of 640x480; see ``Camera.annotation_scale`` for others.
     """
 
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
     uncertainty: UncertaintyConfig = field(default_factory=UncertaintyConfig)
     starts: int = 4
-    """Searches for starting planes of which the cheapest is kept."""
+    """Number of searches for starting planes, of which the cheapest is kept."""
     depth_range: tuple[float, float] = (0.15, 30.0)
-    """Depths at which an element may be seen: as far from the median as tracks may be."""
+    """Depths at which an instance may be seen: as far from the median as tracks may be."""
     relative_depth_sigma: float = 0.02
-    """Camera and tracking errors that all points of an element share, as a share of depth."""
+    """Camera and tracking errors that all points of an instance have in common, as a share of depth."""
     observation_cauchy: float = 1.0
     """Robust scale of an observation, in σ."""
     sigma_relief: float = 0.01
-    """Relief of a surface round its plane."""
+    """σ of the relief of a surface around its plane."""
     max_observations: int = 6
     """Observations of a track that enter the graph, spread evenly over it."""
     independent_observations: float = 3.0
-    """A track counts as so many independent observations at most."""
+    """A track counts as at most this many independent observations."""
     track_cauchy: float = 1.0
-    """Robust scale of a whole track, in σ, or in the standard deviation of its surface's residuals if that is less."""
+    """Robust scale of a whole track, in σ, or in the standard deviation of its instance's residuals if that is less."""
     least_spread: float = 0.3
-    """… but in no less than this share of σ."""
+    """Least value of that standard deviation, in σ."""
     full_acceptance: float = 0.4
-    """Share of sampled points that survive tracking from which on a surface is trusted fully; glossy ones keep 0.02."""
+    """An instance is trusted fully from this share of surviving points on. Glossy ones keep 0.02."""
     full_tracks: float = 20.0
-    """Tracks from which on a surface is trusted fully."""
+    """Number of tracks from which on an instance is trusted fully."""
     max_tracks: int = 400
-    """Tracks of an element that enter the graph: more only cost time, for their weights have a limit together."""
+    """Most tracks of an instance in the graph. More only cost time, because the sum of their weights is limited."""
     max_track_weight: float = 4.0
-    """Sum of the weights of an element's tracks from one key frame."""
+    """Largest sum of the weights of an instance's tracks from one key frame."""
     min_edge_px: float = 40.0
-    """Shorter contact edges place no plane: on the real clips they are 12 px off (median), longer ones 1 to 5."""
+    """Shorter contact edges are not used: on the real clips they are 12 px off (median), longer ones 1 to 5."""
     sigma_edge_shift_px: float = 1.6
-    """Shift of an annotated edge as a whole."""
+    """σ of the shift of an annotated edge as a whole."""
     sigma_edge_tilt_px: float = 0.6
-    """Tilt of an annotated edge: half the difference of its two representative points."""
+    """σ of the tilt of an annotated edge: half the difference of its two representative points."""
     edge_cauchy: float = 3.0
     """Robust scale of an edge, in σ."""
     max_contact_px: float = 10.0
-    """Two surfaces whose contact edge is further than this from where their planes meet do not touch."""
+    """Two instances do not touch when their contact edge is further than this from where their planes meet."""
     readmitted_share: float = 0.6
-    """A pair of instances taken apart comes together again once its edge fits better than this share of the limit."""
+    """Two instances touch again once their contact edge fits better than this share of that limit."""
     contact_searches: int = 4
-    """Searches for starting planes at most: without the wrong contacts others may turn out to be right."""
+    """Most searches for starting planes. Without the wrong contacts others may prove right."""
     sigma_perpendicularity: float = 0.02
-    """Deviation from a right angle, radians."""
+    """σ of the deviation from a right angle, radians."""
     right_angle_cauchy: float = 1.5
-    """Robust scale of right angles between walls, in σ: unlike that of walls and floors it is no rule."""
+    """Robust scale of right angles between walls, in σ. Unlike between walls and floors, they are not a rule."""
     right_angle_reach: float = 0.25
-    """sin of the deviation up to which two walls are taken to be meant at a right angle."""
+    """sin of the deviation up to which two walls get a factor for a right angle."""
     sigma_start_depths: float = 0.5
-    """How far the solve may move d from its start where little else determines it, in depths of the element."""
+    """σ of the prior on d around its start in the solve, in depths of the instance."""
     sigma_prior_depths: float = 10.0
-    """Prior on d in the marginals, in depths: keeps an undetermined plane solvable; its σ then says so."""
+    """σ of the prior on d in the marginals, in depths. It keeps an undetermined plane solvable, with a large σ."""
     sigma_prior_normal: float = 1.0
-    """Prior on the normal, radians."""
+    """σ of the prior on the normal, radians."""
     sigma_prior_point: float = 10.0
-    """Prior on a landmark round its start."""
+    """σ of the prior on a landmark around its start."""
     sigma_coplanarity_angle: float = 0.01
-    """Angle between a door or window and its wall, radians."""
+    """σ of the angle between a door or window and its wall, radians."""
     sigma_recess: float = 0.03
-    """How far a door or window sits back in its wall."""
+    """σ of the distance of a door or window from its wall's plane."""
     coplanarity_cauchy: float = 2.0
     """Robust scale of both, in σ."""
     annealing: tuple[float, ...] = (4.0, 2.0)
-    """Robust scales start so many times as wide, one re-weighting each: graduated non-convexity."""
+    """Factors on the robust scales of tracks and edges, one re-weighting each: graduated non-convexity."""
     rounds: int = 4
-    """Re-weightings of whole tracks at the scales themselves."""
+    """Most re-weightings of whole tracks at the scales themselves."""
     max_iterations: int = 15
-    """Levenberg-Marquardt iterations a round."""
+    """Most Levenberg-Marquardt iterations per round."""
     relative_decrease: float = 2e-3
     """A round ends when an iteration lowers the cost by less than this share."""
     settled: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""
     max_cost_growth: float = 0.25
-    """A solve failed whose planes cost more than the start's by this share (and by ``max_plane_growth``). On real clips
-    and synthetic rooms it is .05 at most."""
+    """A solve has failed when its planes cost more than the start's by this share (and by ``max_plane_growth``). On
+    real clips and synthetic rooms the growth is .05 at most."""
     max_moved_share: float = 0.3
-    """… or that moved a plane by this share of its depth …"""
+    """A solve has also failed when it moves a plane by this share of its depth and ``max_plane_growth`` is exceeded."""
     max_plane_growth: float = 10.0
-    """… though what is known of it then costs so much more, as a negative log-likelihood. Usual are 5 at most."""
+    """Growth of the cost of one plane, a negative log-likelihood. The usual growth is 5 at most."""
     min_moved_share: float = 0.2
-    """Share of tracks that must show parallax; below it the camera does not move."""
+    """Least share of tracks with parallax. Below it the camera does not move enough to solve."""
     unobservable_depth: float = 5.0
     """A plane whose σ of depth is more than this share of the depth is called unobservable."""

@@ -1,8 +1,8 @@
-"""Stage 4, before the graph: contacts that are none.
+"""Stage 4, before the graph: wrong contacts are removed.
 
-Where an annotator left out an occlusion edge, two instances that only hide each other look as if they met, in every key
-frame that shows both: too many and too consistent for a robust kernel. But such a contact fits no planes that the rest
-agrees on. So the pair of instances that fits worst is taken out, until all that is left fits.
+Where an annotator left out an occlusion edge, two instances of which one hides the other seem to touch, in every key
+frame that shows both. Such edges are too many and too consistent for a robust kernel. But the contact fits no planes
+that all other evidence supports. So the pair of instances that fits worst is removed, until all others fit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Pair = tuple[int, int]
 def start_without_wrong_contacts(
     evidence: Evidence, config: EstimationConfig, seed: int
 ) -> tuple[Evidence, FloatArray]:
-    """Evidence without the contact edges of pairs that disagree with all else, and (S, 4) starting planes for it."""
+    """Evidence without the contact edges of pairs that disagree with all others, and (S, 4) starting planes for it."""
     dropped: frozenset[Pair] = frozenset()
     tried = set()
     while True:
@@ -40,7 +40,7 @@ def start_without_wrong_contacts(
 
 
 def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> frozenset[Pair]:
-    """The worst pair, then the worst without it … until all fit."""
+    """The worst pair, then the worst of the others without it, and so on until all fit."""
     dropped: frozenset[Pair] = frozenset()
     while True:
         kept = _without(evidence, dropped)
@@ -53,7 +53,7 @@ def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfi
 
 
 def _all_there_is(evidence: Evidence, pair: Pair) -> bool:
-    """Whether one of a pair has nothing but this contact: then nothing contradicts it.
+    """Whether this contact is the only evidence of one of the pair, so that nothing contradicts it.
 
     Doors and windows have their walls, and walls their doors and windows.
     """

@@ -11,22 +11,22 @@ from gtlayout.planes.views import Views
 from gtlayout.scene import FloatArray
 
 _KINDS: dict[EvidenceKind, int] = {"right angles": JOINT, "contact edges": EDGE, "tracks": TRACK}
-"""What may hold a plane, weakest first."""
+"""The kinds of evidence that a plane may rest on, weakest first."""
 _KNOWN = 0.5
 """A plane whose σ is more than this share of what priors alone leave is unknown."""
 _CLEARLY = 2.0
-"""A weaker kind holds a plane when its loss would hurt so many times as much as that of the next stronger one."""
+"""A plane rests on a weaker kind when its loss hurts this many times as much as that of the next stronger one."""
 
 
 def offset_gradient(plane: FloatArray, views: Views) -> FloatArray:
-    """(3,) derivative, by the tangent, of a plane's offset amid what is drawn of it."""
+    """(3,) derivative, by the tangent, of a plane's offset at the middle of its elements."""
     points, _ = views.seen_on(plane)
     middle = np.median(points, axis=0) if len(points) else -plane[3] * plane[:3]
     return np.append(middle @ gtsam.OrientedPlane3(plane).normal().basis(), 1.0)
 
 
 def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: FloatArray) -> list[EvidenceKind]:
-    """Of each of P planes the weakest kind of evidence without which it is unknown, else what it would miss most.
+    """Per plane the weakest kind of evidence without which it is unknown, else the kind whose loss hurts most.
 
     Args:
         row_weight: (R,) weights of the rows.
@@ -38,7 +38,7 @@ def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: F
     tracked = np.isin(family, [TRACK, SHARED_DEPTH])
     information = rows[tracked].T @ rows[tracked]
     by_bias = information[:width, width:]
-    # Without its biases, what tracks say is of one plane each: blocks on the diagonal.
+    # Without the biases, the information of tracks is of one plane each: blocks on the diagonal.
     tracks = information[:width, :width] - by_bias @ np.linalg.solve(information[width:, width:], by_bias.T)
     others, other_family = rows[~tracked, :width], family[~tracked]
 

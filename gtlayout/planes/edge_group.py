@@ -10,9 +10,9 @@ from gtlayout.geometry.rays import depth_on_plane
 from gtlayout.scene import Camera, FloatArray
 
 FARTHEST_PX = 100.0
-"""Distances of edges count up to this, as of an image of 640x480: planes that coincide have no line at all."""
+"""Largest distance of an edge that counts, in an image of 640x480. Planes that coincide have no line at all."""
 _MIN_DIHEDRAL = 0.2
-"""Planes at less than this angle (radians) make no edge that an annotator would draw."""
+"""Planes at less than this angle (radians) have no edge that an annotator would draw."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class EdgeGroup:
     def distances_px(self, planes: FloatArray, neighbour: FloatArray) -> FloatArray:
         """(H, P) distance of the edge's points from the line in which each of (H, 4) planes meets ``neighbour``.
 
-        Infinite for planes that coincide with it: elements that touch along an edge are two planes.
+        Infinite for planes that coincide with it: instances that touch along an edge have two planes.
         """
         center = self.camera.center_world
         clearance = planes[:, :3] @ center + planes[:, 3]

@@ -1,4 +1,4 @@
-"""What stage 4 hands on."""
+"""The result of stage 4."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gtlayout.scene import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Iteration:
-    """What one Levenberg-Marquardt iteration came to, for plots; the first is the start."""
+    """The result of one Levenberg-Marquardt iteration, for plots. The first is the start."""
 
     cost: float
     planes: FloatArray
@@ -27,7 +27,7 @@ class Estimate:
     planes: tuple[Plane, ...]
     """One per instance."""
     covariance: FloatArray
-    """(4S, 4S) joint covariance of all planes' (normal, normal · anchor + d); NaN for those that nothing places."""
+    """(4S, 4S) joint covariance of all planes' (normal, normal · anchor + d); NaN for those that are not placed."""
     landmarks: FloatArray
     """(N, 3) position of each track's point; NaN where a track was not used."""
     landmark_weight: FloatArray
@@ -36,12 +36,12 @@ class Estimate:
     """(N,) instance whose plane it lies on, -1 = none."""
     iterations: tuple[Iteration, ...]
     warnings: tuple[str, ...] = ()
-    """What went wrong on the way, one line each."""
+    """Problems during the solve, one line each."""
 
     def to_world(self, local: Similarity, anchor: FloatArray) -> Estimate:
-        """The same in the world that ``local`` is a form of, with covariances about ``anchor``, (3,) there.
+        """The estimate in the world that ``local`` is a form of, with covariances that refer to ``anchor``, (3,) there.
 
-        Here they must be about the origin.
+        Those of this estimate must refer to the origin.
         """
         coefficients = np.array([[*plane.normal, plane.d] for plane in self.planes])
         world, jacobian = local.planes_to_world(coefficients, anchor)

@@ -57,7 +57,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
         warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
     world, jacobian = local.planes_to_world(solution.planes)
     covariance = covariance_by(uncertainty.covariance, jacobian)
-    held = supports(measured, evidence, solution, uncertainty.held_by)
+    held = supports(measured, evidence, solution, uncertainty.dominant_evidence)
     planes = []
     for s, note in enumerate(_notes(solution.planes, uncertainty.covariance, evidence.views, config)):
         own = slice(4 * s, 4 * s + 4)
@@ -82,9 +82,9 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
 def optimise(
     cameras: Sequence[Camera], tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
 ) -> tuple[Optimum, Uncertainty]:
-    """The planes from (S, 4) ``start`` on, and how far they may be off. Local world.
+    """Optimise the planes from (S, 4) ``start`` on, and estimate their uncertainty. Local world.
 
-    How much tracks weigh against edges follows from the scales of both, which the residuals at the start show.
+    The weight of tracks against edges follows from the scales of both, estimated from the residuals at the start.
     """
     scales = error_scales(tracks, evidence, start, config)
     weighed = replace(
@@ -99,10 +99,10 @@ def optimise(
 
 
 def led_astray(evidence: Evidence, start: FloatArray, planes: FloatArray, config: EstimationConfig) -> tuple[int, ...]:
-    """The instances that a solve led away, from (S, 4) ``start`` to ``planes``, from what is known of them.
+    """The instances that a solve, from (S, 4) ``start`` to ``planes``, moved away from their evidence; usually none.
 
-    Start and solve have objectives of their own. On a common one a solve ends a little worse than the start, which is
-    its optimum; much worse, as a whole or for a plane that moved far, is a solve that failed. Empty when it did not.
+    Start and solve have objectives of their own. On the common one a solve ends a little worse than the start, which is
+    its optimum. A solve that ends much worse, as a whole or for a plane that moved far, has failed.
     """
     before, after = (cost_of(evidence, at, config) for at in (start, planes))
     growth = after.by_instance - before.by_instance
@@ -114,7 +114,7 @@ def led_astray(evidence: Evidence, start: FloatArray, planes: FloatArray, config
 
 
 def _moved(views: Views, before: FloatArray, after: FloatArray) -> float:
-    """By what share of its depth a plane moved where it is drawn: the median; NaN where it was not seen."""
+    """Median share of its depth by which a plane moved where it is drawn; NaN where it was not seen."""
     depths = views.depths(np.stack([before, after]))
     seen = depths[0] > 0
     return float(np.median(np.abs(depths[1, seen] / depths[0, seen] - 1))) if seen.any() else np.nan
@@ -123,7 +123,7 @@ def _moved(views: Views, before: FloatArray, after: FloatArray) -> float:
 def keep_start(
     tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
 ) -> tuple[Optimum, Uncertainty]:
-    """What ``optimise`` would give had it stayed at (S, 4) ``start``: landmarks where their rays meet their planes."""
+    """The result of ``optimise`` for planes that stay at (S, 4) ``start``, with landmarks where rays meet planes."""
     planes = _facing(evidence, start)
     robust, _ = track_weights(evidence, planes, config)
     index = np.nonzero(robust > 0)[0]
@@ -135,7 +135,7 @@ def keep_start(
 
 
 def _facing(evidence: Evidence, planes: FloatArray) -> FloatArray:
-    """(S, 4) planes with normals towards the cameras: edges and right angles do not tell a plane's sides apart."""
+    """(S, 4) planes with normals towards the cameras: edges and right angles do not determine a plane's side."""
     pairs = zip(planes, evidence.views, strict=True)
     return np.concatenate([face_cameras(plane[None], views) for plane, views in pairs])
 

@@ -1,4 +1,4 @@
-"""Stage 4, before the graph: what tracks, edges and right angles say about each instance, in a normalised world."""
+"""Stage 4, before the graph: tracks, edges and right angles of each instance, in a normalised world."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _ROUNDING_PX = 1e-6
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that is known of S instances before their planes are. Local world."""
+    """Everything that is measured about the planes of S instances. Local world."""
 
     rays: TriangulatedTracks
     """Every track as a point at inverse depth on a ray."""
     sigma_rho: FloatArray
-    """(N,) σ of the inverse depths with the errors that all points share."""
+    """(N,) σ of the inverse depths, with the errors that all points have in common."""
     track_instance: IntArray
-    """(N,) instance of each track; -1 = does not take part."""
+    """(N,) instance of each track; -1 = not used."""
     track_key_frame: IntArray
     """(N,) key frame each track was sampled in."""
     track_weight: FloatArray
@@ -69,8 +69,8 @@ class Evidence:
         return center + depth[:, None] * ray, depth
 
     def tracks_of(self, instance: int, max_weight: float) -> tuple[IntArray, float]:
-        """(n,) the tracks of an instance, and the mean of their weights, 0 without tracks: together no more than
-        ``max_weight`` for each key frame.
+        """(n,) the tracks of an instance, and the mean of their weights, 0 without tracks. The sum of the weights is
+        limited to ``max_weight`` for each key frame.
         """
         index = np.nonzero(self.track_instance == instance)[0]
         if len(index) == 0:
@@ -113,8 +113,8 @@ def gather(measured: Measurements, local: Normalisation, config: EstimationConfi
 
 
 def prefer_visible(scene: Scene, tracks: Tracks, track_instance: IntArray) -> IntArray:
-    """(N,) instances of tracks, -1 for those sampled on an amodal polygon (furniture, as likely as not) where their
-    instance has others.
+    """(N,) instances of tracks. -1 for those sampled on an amodal polygon, which may be on furniture, where their
+    instance has tracks on visible parts.
     """
     drawn = np.array(
         [
@@ -128,7 +128,7 @@ def prefer_visible(scene: Scene, tracks: Tracks, track_instance: IntArray) -> In
 
 
 def _thin_out(track_instance: IntArray, most: int) -> IntArray:
-    """At most so many tracks of each instance, evenly over key frames and places; the others do not take part."""
+    """At most this many tracks of each instance, evenly over key frames and places. The others are not used."""
     thinned = track_instance.copy()
     for instance in np.unique(track_instance[track_instance >= 0]):
         index = np.nonzero(track_instance == instance)[0]
@@ -145,16 +145,16 @@ def _trust(
     instances: Sequence[Instance],
     config: EstimationConfig,
 ) -> FloatArray:
-    """(N,) weight of each track by its length and by how its surface can be tracked.
+    """(N,) weight of each track by its length and by how well its instance can be tracked.
 
-    Points on mirror-like surfaces triangulate well, and wrong: but few of them survive. So a surface is trusted by the
-    share of its points that did.
+    Points on mirror-like surfaces triangulate well, but at wrong depths, and few of them survive. So an instance is
+    trusted by the share of its points that survive.
     """
     kept, tried = np.array([followed(scene, tracks, instance) for instance in instances]).T
     acceptance = np.minimum(kept / np.maximum(tried, 1) / config.full_acceptance, 1.0)
     plenty = np.minimum(kept / config.full_tracks, 1.0)
     observations = np.bincount(tracks.track, minlength=len(tracks))
-    # The graph takes so many observations of a track; they share the errors of tracking and of the cameras.
+    # The graph has at most this many observations of a track. They share the errors of tracking and of the cameras.
     length = np.minimum(1.0, config.independent_observations / np.minimum(observations, config.max_observations))
     weight: FloatArray = length * np.where(track_instance >= 0, (acceptance * plenty)[track_instance], 0.0)
     return weight
@@ -163,7 +163,7 @@ def _trust(
 def followed(scene: Scene, tracks: Tracks, instance: Instance) -> tuple[int, int]:
     """How many of the points sampled on an instance could be followed, and how many there were.
 
-    As in ``prefer_visible``: those on elements without visible parts only where there are no others.
+    As in ``prefer_visible``, points on elements without visible parts count only where there are no others.
     """
     visible = [(k, e) for k, e in instance.members if not scene.key_frames[k].elements[e].visible.is_empty]
     members = visible or instance.members
@@ -176,7 +176,7 @@ def _edge_groups(
 ) -> tuple[EdgeGroup, ...]:
     """The contact edges whose planes meet in a line: not those between an opening and its host, or within one host."""
     root = np.where(host >= 0, host, np.arange(len(host)))
-    # Samples come in whole steps, so that many edges are just as long as the least, but for rounding.
+    # Samples are whole steps apart, so many edges have exactly the least length, up to rounding.
     least_px = [min_length_px * camera.annotation_scale - _ROUNDING_PX for camera in key_cameras]
     return tuple(
         EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
@@ -187,7 +187,7 @@ def _edge_groups(
 
 
 def _views(scene: Scene, instance: Instance, key_cameras: Sequence[Camera]) -> Views:
-    """A few pixels spread over every drawing of an instance."""
+    """A few pixels spread over every element of an instance."""
     centers, rays = [np.empty((0, 3))], [np.empty((0, 3))]
     for k, element in instance.members:
         drawn = scene.key_frames[k].elements[element]

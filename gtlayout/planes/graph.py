@@ -33,9 +33,9 @@ class Optimum:
     landmarks: FloatArray
     """(N, 3)."""
     robust_weight: FloatArray
-    """(N,) what the last re-weighting left of each track, in [0, 1]."""
+    """(N,) weight of each track after the last re-weighting, in [0, 1]."""
     costs: tuple[float, ...]
-    """At the start and after each Levenberg-Marquardt iteration; re-weighting between runs moves them, too."""
+    """At the start and after each Levenberg-Marquardt iteration. Re-weighting between runs changes them, too."""
     history: tuple[FloatArray, ...]
     """(S, 4) planes at the same times."""
 
@@ -46,7 +46,7 @@ def optimise_graph(
     """Optimise from ``start`` (S, 4).
 
     Whole tracks are re-weighted between runs of Levenberg-Marquardt (Cauchy on a track's deviation from its plane):
-    one robust kernel on a factor cannot do that, because a track is many factors.
+    a robust kernel on each factor cannot do that, because a track is many factors.
     """
     placed = np.nonzero(np.isfinite(start[:, 0]))[0]
     observed = spread_observations(tracks, config.max_observations)
@@ -84,8 +84,8 @@ def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConf
         residual = evidence.track_residuals(index, planes[s][None])[0]
         robust[index] = 1.0 / (1.0 + (residual / (config.track_cauchy * _spread(residual, config))) ** 2)
         weight[index] = robust[index] * evidence.track_weight[index]
-        # Tracks of a surface in one key frame share the errors of cameras and surface: past some number more of them
-        # tell nothing new.
+        # Tracks of an instance in one key frame share errors of camera and surface. Beyond some number of them, more
+        # add no information.
         key_frame = evidence.track_key_frame[index]
         together = np.bincount(key_frame, weight[index])[key_frame]
         weight[index] *= np.minimum(1.0, config.max_track_weight / np.maximum(together, 1e-9))
@@ -93,9 +93,9 @@ def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConf
 
 
 def _spread(residual: FloatArray, config: EstimationConfig) -> float:
-    """Standard deviation of a surface's residuals, in σ, as their median has it: never more than expected.
+    """Standard deviation of an instance's residuals, in σ, from their median: at most the expected one.
 
-    Where tracks agree to a part of σ, what lies a σ off is something else: furniture before its wall.
+    Where tracks agree to a fraction of σ, a track that is one σ off lies on something else: furniture before its wall.
     """
     if len(residual) < config.full_tracks:
         return 1.0
@@ -122,7 +122,7 @@ def _track_factors(
         tracks.track[observed].tolist(), tracks.frame[observed].tolist(), tracks.points_px[observed], strict=True
     ):
         graph.add(gtsam.TriangulationFactorCal3_S2(pinholes[f], point_px, models[n], L(n), False, False))
-    # A track that its own observations contradict can leave for infinity: these keep the system regular.
+    # A track that its own observations contradict can diverge to infinity. The weak priors keep the system regular.
     weak_prior = noise.Isotropic.Sigma(3, config.sigma_prior_point)
     for n in np.unique(tracks.track[observed]).tolist():
         graph.add(gtsam.PriorFactorPoint3(L(n), values.atPoint3(L(n)), weak_prior))
@@ -151,8 +151,8 @@ def _values(
 ) -> gtsam.Values:
     """Planes as given; landmarks where they were, or else where their ray meets their plane.
 
-    One whose ray misses it starts on its ray, no nearer or farther than an element may be. From hundreds of depths away
-    a single landmark was seen to turn its plane by 84°, with or without a robust kernel on the distance between them.
+    A landmark whose ray misses the plane starts on its ray, within the depths that an instance may have. From hundreds
+    of depths away one landmark turned its plane by 84°, with or without a robust kernel on their distance.
     """
     values = gtsam.Values()
     for s in placed:
@@ -176,7 +176,7 @@ def _optimise(
     costs: list[float],
     history: list[FloatArray],
 ) -> gtsam.Values:
-    """Levenberg-Marquardt, one iteration at a time so that each can be looked at."""
+    """Levenberg-Marquardt, one iteration at a time, so that each can be recorded."""
     params = gtsam.LevenbergMarquardtParams()
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
     error = optimizer.error()

@@ -1,9 +1,9 @@
 """Stage 4, first half: starting planes for all instances together.
 
-Fits of single elements fail where one has few tracks or mirrors its surroundings, and Levenberg-Marquardt does not
-get out of a wrong basin. So elements vouch for each other: they are placed one by one, best supported first, each at
-the best of many hypotheses drawn from its tracks, from contact edges with neighbours already placed, and from right
-angles; then every one is chosen again in the light of all others.
+A fit of a single instance fails where it has few tracks or mirrors its surroundings, and Levenberg-Marquardt does not
+leave a wrong basin. So instances are placed one by one, best supported first, each at the cheapest of many hypotheses.
+These are drawn from its tracks, from contact edges with neighbours that are already placed, and from right angles. Then
+the plane of every instance is chosen again, given all others.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from gtlayout.scene import BoolArray, FloatArray, IntArray
 def initial_planes(
     evidence: Evidence, depth_range: tuple[float, float], config: InitializationConfig, seed: int
 ) -> FloatArray:
-    """(S, 4) planes in the local world, normals towards the cameras; NaN for an instance that nothing places."""
+    """(S, 4) planes in the local world, normals towards the cameras; NaN for an instance without evidence."""
     return _Search(evidence, depth_range, config, np.random.default_rng(seed)).run()
 
 
@@ -42,7 +42,7 @@ class _Search:
         while waiting:
             placed = np.isfinite(planes[:, 0])
             joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.instances) for s in range(count)]
-            # A contact edge with something already placed is worth a few tracks.
+            # A contact edge with an instance that is already placed counts as a few tracks.
             instance = max(waiting, key=lambda s: support[s] + self.config.placed_contact_tracks * joined[s])
             waiting.remove(instance)
             planes[instance] = self._choose(instance, tracks[instance], planes)
@@ -56,7 +56,7 @@ class _Search:
         for instance, host in enumerate(evidence.host):
             if host >= 0:
                 if np.isnan(planes[host, 0]):
-                    # A wall of which only the door is known stands where the door does.
+                    # A wall of which only the door is known is placed where the door is.
                     planes[host] = self._choose(instance, tracks[instance], planes)
                 planes[instance] = planes[host]
         return planes
@@ -66,7 +66,7 @@ class _Search:
         return index[:: max(1, -(-len(index) // self.config.max_tracks))]
 
     def _support(self, index: IntArray) -> float:
-        """Tracks counted by how well each knows its depth."""
+        """Number of tracks, each weighted by how certain its depth is."""
         relative = self.evidence.sigma_rho[index] / self.evidence.rays.rho[index]
         return float(np.sum(np.clip(1.0 - relative / self.config.unknown_depth_share, 0.0, 1.0)))
 
@@ -87,7 +87,7 @@ class _Search:
         depth = evidence.views[instance].depths(hypotheses)
         absurd = (depth < self.depth_range[0]) | (depth > self.depth_range[1])
         cost = config.absurd_weight * absurd.mean(axis=1)
-        # Of depths that all else leaves open the usual one.
+        # Among depths that nothing else determines, prefer the usual one.
         ratio = np.median(np.clip(depth, *self.depth_range), axis=1) * np.median(evidence.rays.rho)
         cost += config.usual_depth_weight * np.log(ratio) ** 2
         if len(index):
@@ -98,7 +98,7 @@ class _Search:
                 worst = np.abs(group.distances_px(hypotheses, planes[group.other(instance)])).max(axis=1)
                 price = np.minimum((worst / (config.edge_cutoff_px * group.camera.annotation_scale)) ** 2, 1.0)
                 if len(index) == 0:
-                    # In a neighbour's own plane the edge with it says nothing, and tracks that could are missing.
+                    # In its neighbour's plane the edge gives no evidence, and there are no tracks that could.
                     price = np.where(np.isfinite(worst), price, np.inf)
                 cost += config.edge_weight * price
         across = evidence.perpendicular[instance] & np.isfinite(planes[:, 0])
@@ -106,7 +106,7 @@ class _Search:
         price = np.minimum((sine / config.perpendicularity_cutoff) ** 2, 1.0).sum(axis=1)
         total: FloatArray = cost + config.perpendicularity_weight * price
         if evidence.wall[instance]:
-            # Walls tend to stand at right angles or parallel: a hint for those that little else is known of.
+            # Walls tend to be at right angles or parallel. This helps those with little other evidence.
             others = evidence.wall & np.isfinite(planes[:, 0]) & (np.arange(len(planes)) != instance)
             sine = manhattan_sine(hypotheses[:, :3] @ planes[others, :3].T, evidence.touching[instance, others])
             total += (
@@ -146,7 +146,7 @@ class _Search:
             a, b, c = np.concatenate(lines)[self.rng.integers(2 * len(lines), size=(3, draws))]
             candidates.append(_through_points(a, b, c))
         if len(points) or lines:
-            # A ceiling over a floor, a wall along another: the same normal, through anything that is known of it.
+            # A ceiling over a floor, a wall along another: the same normal, through any known point of it.
             anchors = np.concatenate([points[: self.config.anchors], *lines])
             alike = evidence.level if evidence.level[instance] else evidence.wall & evidence.wall[instance]
             for normal in planes[alike & placed, :3]:
@@ -158,7 +158,7 @@ class _Search:
 
 
 def manhattan_sine(cosine: FloatArray, touching: BoolArray) -> FloatArray:
-    """Sine of how far two walls are from a right angle, or from parallel, which those that touch cannot be.
+    """Sine of the deviation of two walls from a right angle, or from parallel. Walls that touch cannot be parallel.
 
     Args:
         cosine: (...) of the angle between their normals.

@@ -74,7 +74,7 @@ def linearise(
         system.ordering.push_back(P(s))
     for s in placed.tolist():
         _add_tracks(system, tracks, evidence, s, planes[s], config)
-    # Robust weights are for the scales to decide.
+    # The robust weights follow from the scales.
     quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf, right_angle_cauchy=np.inf)
     system.add(edge_factors(evidence, planes, quadratic), EDGE)
     system.add(joint_factors(evidence, planes, quadratic), JOINT)
@@ -85,19 +85,19 @@ def linearise(
 def _add_tracks(
     system: _System, tracks: Tracks, evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig
 ) -> None:
-    """What the tracks of instance ``s`` say of its plane, and how far they may be off together."""
+    """The tracks of instance ``s``, and the errors that they share."""
     expected = config.uncertainty
     index = np.nonzero((evidence.track_instance == s) & (evidence.track_weight > 0))[0]
     points, depth = evidence.on_planes(index, plane)
     index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
     if len(index) == 0:
         return
-    # Surfaces of which few points survive (mirrors, gloss) are off by more.
+    # Instances of which few points survive (mirrors, gloss) have larger errors.
     trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.least_trust))
     over = np.column_stack([np.ones(len(index)), _over_plane(points, plane)])
     rays = evidence.rays
     raw = rays.sigma_rho[index] * depth
-    # Observations of a track share errors: it knows no more than so many of them would.
+    # Observations of a track share errors, so it counts as no more than this many independent ones.
     observations = np.bincount(tracks.track, minlength=len(tracks))[index]
     sigma = raw * np.sqrt(np.maximum(observations / config.independent_observations, 1.0))
     sigma = np.hypot(sigma, config.sigma_relief / np.median(depth))

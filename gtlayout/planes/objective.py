@@ -1,8 +1,8 @@
-"""Stage 4: what planes cost, on one set of terms for all planes that can be compared.
+"""Stage 4: the cost of planes, with the same terms for all planes that are compared.
 
-The graphs in which planes are polished and solved leave terms out by where their planes start: two walls at odd angles
-have no right angle, planes that coincide have no line in which they meet. That is right for a solve, and wrong for a
-comparison: whoever is worst off would pay least. Here every term counts always, and none without bound.
+The graphs in which planes are polished and solved leave out terms, depending on where their planes start: two walls at
+odd angles have no right angle, planes that coincide have no line in which they meet. That is right for a solve, but not
+for a comparison, in which the worst planes would cost least. Here every term always counts, and each is bounded.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ class Cost:
 
     total: float
     by_instance: FloatArray
-    """(S,) all terms in which an instance takes part: those of two count for both. NaN without a plane."""
+    """(S,) sum of the terms of an instance; terms of two instances count for both. NaN without a plane."""
 
 
 def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Cost:
-    """What (S, 4) ``planes`` cost, NaN = not placed.
+    """The cost of (S, 4) ``planes``, NaN = not placed.
 
-    Priors do not count: they lie round the start that they came from.
+    Priors do not count, because each start has its own.
     """
     placed = np.isfinite(planes[:, 0])
     own = np.zeros(len(planes))
@@ -52,7 +52,7 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     both = np.triu(np.outer(placed, placed), k=1)
     upright = evidence.perpendicular & both
     pairs[upright] += 0.5 * (cosine[upright] / config.sigma_perpendicularity) ** 2
-    # However many walls there are, the others count as one for each.
+    # For each wall all others together count as one, however many there are.
     walls = np.outer(evidence.wall, evidence.wall) & both
     sine = manhattan_sine(cosine[walls], evidence.touching[walls])
     odd = np.minimum(sine, config.right_angle_reach) / config.sigma_perpendicularity

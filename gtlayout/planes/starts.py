@@ -1,7 +1,7 @@
 """Stage 4: the best of a few starts, each polished on a small graph without landmarks and judged by its cost.
 
-The search draws at random, and in some scenes one draw ends in a wrong basin. The cost tells: over all settings tried
-on the real clips the lowest belonged to the right one.
+The search is random, and in some scenes one search ends in a wrong basin. The cost shows which: with all settings
+tried on the real clips the start of lowest cost was the right one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gtlayout.scene import FloatArray
 
 
 def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> FloatArray:
-    """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for an instance that nothing places."""
+    """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for an instance without evidence."""
     ranked = []
     for number in range(config.starts):
         search = config.initialization

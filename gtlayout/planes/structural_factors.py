@@ -14,7 +14,7 @@ from gtlayout.tracking.normalisation import TYPICAL_DEPTH
 
 
 def structure_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> gtsam.NonlinearFactorGraph:
-    """All that joins planes, among the instances that have one in (S, 4) ``planes`` (NaN = none)."""
+    """All factors between planes, for the instances that have one in (S, 4) ``planes`` (NaN = none)."""
     graph = gtsam.NonlinearFactorGraph()
     for factor in (*edge_factors(evidence, planes, config), *joint_factors(evidence, planes, config)):
         graph.push_back(factor)
@@ -72,7 +72,7 @@ def _cauchy(sigmas: FloatArray, scale: float) -> gtsam.noiseModel.Base:
 def plane_priors(
     evidence: Evidence, planes: FloatArray, sigma_depths: float, config: EstimationConfig
 ) -> list[gtsam.NonlinearFactor]:
-    """A prior on every plane that only matters where nothing else does: σ of d is so many depths of the instance."""
+    """A weak prior on every plane, with an effect only without evidence. σ of d is in depths of the instance."""
     factors: list[gtsam.NonlinearFactor] = []
     for s in np.nonzero(np.isfinite(planes[:, 0]))[0].tolist():
         _, depth = evidence.views[s].seen_on(planes[s])
@@ -85,7 +85,8 @@ def plane_priors(
 def _right_angles(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> IntArray:
     """(R, 2) instances to hold at right angles: walls to floor and ceiling (paper 3.3), and walls nearly so already.
 
-    The paper has no such term between walls; a weak one steadies those that little else holds, odd angles escape it.
+    The paper has no such term between walls. A weak one stabilises walls with little other evidence, and does not force
+    odd angles.
     """
     sine = np.abs(planes[:, :3] @ planes[:, :3].T)
     walls = np.outer(evidence.wall, evidence.wall) & (sine < config.right_angle_reach)

@@ -1,4 +1,4 @@
-"""Stage 4, after the solve: what each plane rests on, counted and measured."""
+"""Stage 4, after the solve: what each plane is solved from, in figures."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.tracking.triangulation import parallax_deg
 
 OUTVOTED = 0.1
-"""Tracks of less robust weight are given up: with Cauchy's kernel those off by more than three times its scale."""
+"""Tracks of less robust weight are outvoted: with Cauchy's kernel those off by more than three times its scale."""
 
 
 def supports(
-    measured: Measurements, evidence: Evidence, solution: Optimum, held_by: Sequence[EvidenceKind]
+    measured: Measurements, evidence: Evidence, solution: Optimum, dominant_evidence: Sequence[EvidenceKind]
 ) -> tuple[Support, ...]:
-    """What places each instance's plane. ``evidence`` and ``solution`` are local."""
+    """The support of each instance's plane. ``evidence`` and ``solution`` are local."""
     scene, tracks = measured.scene, measured.tracks
     parallax = parallax_deg(scene, tracks, measured.rays)
     placed = np.isfinite(solution.planes[:, 0])
@@ -40,7 +40,7 @@ def supports(
                 outvoted=float(np.mean(given_up[own])) if own.any() and placed[s] else np.nan,
                 contact_edges=len(gaps),
                 edge_px=float(np.median(gaps)) if gaps else np.nan,
-                held_by=held_by[s],
+                dominant_evidence=dominant_evidence[s],
             )
         )
     return tuple(found)

@@ -1,10 +1,10 @@
-"""Stage 4, around the solve: how far each plane may be off, with the scale of all errors taken from their residuals.
+"""Stage 4, around the solve: the uncertainty of each plane, with the scale of all errors estimated from the residuals.
 
-Points of one surface seen from one key frame are off together: by errors of cameras, by drift of tracks, by relief. No
-number of them averages that out. So every key frame is given its own copy of a surface, a relative error of depth that
-varies linearly over it, and the surface one more that all its key frames share. How large those errors are, and how far
-annotated edges lie from where planes meet, is estimated on the linearised graph by expectation maximisation of Student
-t scales: in a clean scene σ is small, in a poor one large, without anybody telling.
+Points of one instance seen from one key frame share errors: of cameras, of drifting tracks, of relief. No number of
+points averages these out. So every key frame has its own relative error of depth for an instance, which varies linearly
+over its plane, and the instance has one more that all its key frames share. The scales of these errors, and of the
+errors of annotated edges, are estimated on the linearised graph by expectation maximisation of Student t scales. So σ
+is small in a clean scene and large in a poor one.
 
 Reference for the scales: Lange, Little, Taylor, "Robust statistical modeling using the t distribution", JASA 1989.
 """
@@ -27,26 +27,26 @@ from gtlayout.tracking.tracks import Tracks
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What the marginals say once the noise is known."""
+    """The marginals of all planes at the estimated noise."""
 
     covariance: FloatArray
     """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
-    held_by: tuple[EvidenceKind, ...]
-    """What each plane rests on; empty for those without a plane."""
+    dominant_evidence: tuple[EvidenceKind, ...]
+    """The kind of evidence that each plane rests on; empty for those without a plane."""
 
 
 @dataclass(frozen=True)
 class Scales:
-    """How large errors are, in units of what was expected."""
+    """The scale of errors, as a multiple of the expected one."""
 
     shared_depth: float
-    """Errors of depth that points of a surface share."""
+    """Errors of depth that points of an instance share."""
     edge: float
     """Errors of annotated edges."""
 
 
 def error_scales(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Scales:
-    """How large the residuals at (S, 4) ``planes`` say errors are."""
+    """The scale of errors from the residuals at (S, 4) ``planes``."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     _, scale, _ = _scales(linearise(tracks, evidence, planes, placed, config), config.uncertainty)
     return Scales(float(scale[SHARED_DEPTH]), float(scale[EDGE]))
@@ -69,7 +69,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     by_offset = np.array([offset_gradient(planes[s], evidence.views[s]) for s in placed])
     for s, kind in zip(placed, dominant_evidence(linear, row_weight, by_offset), strict=True):
         held[s] = kind
-    # What joins a door or window to others is its wall, not an angle.
+    # A door or window is joined to others by its wall, not by an angle.
     of_wall = (evidence.host >= 0) & np.array([kind == "right angles" for kind in held])
     held = [held[evidence.host[s]] if of_wall[s] else held[s] for s in range(len(held))]
     return Uncertainty(of_planes, tuple(held))
@@ -78,7 +78,8 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
 def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(N, N) covariance at the estimated scales, (5,) these scales by family, and the (R,) weights it was made with.
 
-    Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales.
+    Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales. The
+    scales are one update newer than the covariance and its weights.
     """
     size = np.diff(np.append(linear.first, len(linear.target)))
     scale = np.ones(5)
@@ -90,7 +91,7 @@ def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray
         covariance = np.asarray(np.linalg.inv(weighted.T @ weighted))
         step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
         residual = linear.jacobian @ step - linear.target
-        # Residuals are smaller than errors by what the unknowns could absorb.
+        # Residuals are smaller than errors, because the unknowns absorb a part.
         absorbed = np.sum((linear.jacobian @ covariance) * linear.jacobian, axis=1)
         error = np.add.reduceat(residual**2, linear.first)
         expected = error + np.add.reduceat(absorbed, linear.first)

@@ -23,7 +23,7 @@ class Views:
         return depth_on_plane(planes[:, :3] @ self.center.T + planes[:, 3:], facing)
 
     def seen_on(self, plane: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(Q, 3) points and (Q,) depths where a (4,) plane is seen at the pixels; fewer than P, maybe none."""
+        """(Q, 3) points and (Q,) depths where a (4,) plane is seen at the pixels; Q ≤ P, 0 when it is seen at none."""
         depth = self.depths(plane[None])[0]
         seen = depth > 0
         return self.center[seen] + depth[seen, None] * self.ray[seen], depth[seen]

@@ -1,1 +1,1 @@
-"""What stage 4 works on: a scene in canonical form, and what stages 1 to 3 measured in it."""
+"""The input of stage 4: a scene in canonical form, and the results of stages 1 to 3 in it."""

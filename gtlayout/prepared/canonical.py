@@ -1,10 +1,10 @@
-"""Before stage 1 and after stage 4: one form for all scenes that say the same.
+"""Before stage 1 and after stage 4: one form for all equivalent scenes.
 
-Where the world's origin lies, how its axes point, what its unit is, in which order elements are listed and at which
-vertex a polygon begins says nothing about a room, so it must not change a result. Stages 1 to 4 work on the canonical
-form of a scene: origin amid the cameras, axes of the first annotated camera, the camera's path as unit, elements and
-vertices in an order of their own, no frame that only repeats the camera of its neighbour. What they find is
-handed back in the caller's world and by the caller's numbers.
+The world's origin, its axes, its unit, the order of the elements and the first vertex of a polygon carry no information
+about a room, so they must not change a result. Stages 1 to 4 work on the canonical form of a scene: origin amid the
+cameras, axes of the first annotated camera, the camera's path as unit, elements and vertices in an order of their own,
+no frame that only repeats the camera of its neighbour. Their results are handed back in the given world, with the given
+numbers of frames and elements.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from gtlayout.tracking.triangulation import camera_path
 _SAME = 1e-9
 """Two cameras are the same up to this: radians, and shares of the camera's path."""
 _DECIMALS = 3
-"""Of the pixels by which elements are sorted: last digits, which differ between machines, do not decide."""
+"""Decimals of the pixels by which elements are sorted. Last digits, which differ between machines, do not matter."""
 _FAR = 1e3
-"""Where the world's origin is farther away than so many lengths of the camera's path, covariances are about a point
-amid the cameras: those of (normal, d) would lose the digits that σ is made of."""
+"""Where the world's origin is farther away than this multiple of the camera's path, covariances refer to a point amid
+the cameras. Those of (normal, d) would lose the digits that σ is made of."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Canonical:
 
     given: Scene
     scene: Scene
-    """K key frames as before; fewer frames, maybe."""
+    """The same K key frames; possibly fewer frames."""
     similarity: Similarity
     twins: tuple[int, ...]
     """Of each given frame the given frame that stands for it here: itself, or one with the same camera."""
@@ -45,7 +45,7 @@ class Canonical:
 
     @property
     def anchor(self) -> FloatArray:
-        """(3,) world point that covariances are about: the world's origin, unless that is far away."""
+        """(3,) world point that covariances refer to: the world's origin, unless that is far away."""
         far = float(np.linalg.norm(self.similarity.origin)) * self.similarity.scale > _FAR
         return self.similarity.origin if far else np.zeros(3)
 
@@ -87,7 +87,7 @@ def canonical(scene: Scene) -> Canonical:
     kept = sorted(set(twins))
     cameras = [similarity.camera(scene.frames[f].camera) for f in kept]
     if camera_path(scene) == 0.0:
-        # What rounding leaves of a way that there is not must not become one.
+        # A path of zero length up to rounding must stay zero.
         cameras = [camera.placed(camera.R_cam_from_world, np.zeros(3)) for camera in cameras]
     frames = tuple(replace(scene.frames[f], camera=camera) for f, camera in zip(kept, cameras, strict=True))
     key_frames, orders = [], []
@@ -137,7 +137,7 @@ def _same(a: Camera, b: Camera, least: float) -> bool:
 
 
 def _place(element: Element) -> tuple[object, ...]:
-    """What elements are sorted by: label and place, neither their ids nor how they were listed."""
+    """The key by which elements are sorted: label and place, not their ids or their order in the file."""
     shapes = (element.amodal, element.visible)
     return (
         LABELS.index(element.label),

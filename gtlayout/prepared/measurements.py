@@ -1,4 +1,4 @@
-"""What stages 1 to 3 find in a scene: all that planes are solved from."""
+"""The results of stages 1 to 3: everything that planes are solved from."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class Measurements:
 
 @dataclass(frozen=True)
 class Prepared(Measurements):
-    """The same of a scene in canonical form, and the way back to the given one."""
+    """The results of stages 1 to 3 in the canonical form of a scene, and the way back to the given scene."""
 
     form: Canonical
     cameras: CameraReport | None = None
-    """What refining the cameras came to, in the given unit; None when that was not asked for."""
+    """The result of refining the cameras, in the given unit; None without ``refine_cameras``."""
     warnings: tuple[str, ...] = ()
-    """What was skipped, joined or split on the way, one line each."""
+    """What was skipped, joined or split, one line each."""
 
     @property
     def given_scene(self) -> Scene:

@@ -1,1 +1,1 @@
-"""Stage 7: how good a layout is, which of it to trust, and why not."""
+"""Stage 7: how good a layout is, which parts of it to trust, and the reasons."""

@@ -1,4 +1,4 @@
-"""Why a plane is uncertain, in words for the person who drew it."""
+"""Why a plane is uncertain, in words for the annotator."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ _WEAKER: tuple[EvidenceKind, ...] = ("right angles", "contact edges")
 def causes(instance: Instance, plane: Plane, config: QualityConfig) -> tuple[str, ...]:
     """What is wrong with a plane's support, most important first; empty when nothing is.
 
-    First that it hangs on something weaker than measurements or that these contradict one another, then what tracks
-    lack, then edges. A door or window needs no contact edge: it has its wall.
+    First weak kinds of evidence and contradictions, then a lack of tracks, then a lack of edges. A door or window needs
+    no contact edge, because it has its wall.
     """
     support = plane.support
     found = []
-    if support.held_by == "priors":
+    if support.dominant_evidence == "priors":
         found.append("nothing but weak priors holds it")
-    elif support.held_by in _WEAKER:
-        found.append(f"{'mostly' if support.tracks else 'only'} {support.held_by} hold it")
+    elif support.dominant_evidence in _WEAKER:
+        found.append(f"{'mostly' if support.tracks else 'only'} {support.dominant_evidence} hold it")
     if support.contact_edges and (
         support.outvoted > config.disagreeing_share or support.edge_px > config.disagreeing_edge_px
     ):

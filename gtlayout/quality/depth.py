@@ -1,4 +1,4 @@
-"""How far off, and how well known, what is drawn is."""
+"""Distance and σ of depth of everything that is drawn."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _STEP_PX = 4
 
 @dataclass(frozen=True)
 class DrawnPixels:
-    """Pixels of all key frames that something is drawn on, on a grid."""
+    """The pixels of all key frames on which an element is drawn, on a grid."""
 
     instance: IntArray
-    """(N,) that lies on top."""
+    """(N,) the instance on top."""
     distance: FloatArray
     """(N,) from the camera to its plane, world unit; NaN where the plane is not seen."""
     sigma_share: FloatArray
@@ -29,7 +29,7 @@ class DrawnPixels:
 
 
 def drawn_pixels(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> DrawnPixels:
-    """How far off, and how well known, what is drawn in all key frames is."""
+    """Distance and σ of depth of everything that is drawn in all key frames."""
     owners, distances, shares = [np.empty(0, dtype=np.int64)], [np.empty(0)], [np.empty(0)]
     for k in range(len(scene.key_frames)):
         camera = scene.frame_of(k).camera

@@ -1,4 +1,4 @@
-"""The verdict on a scene in one word, with its reasons: what its maker is to do with it."""
+"""The verdict on a scene in one word, with its reasons: what the user should do with it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from gtlayout.quality.measures import ElementIoU, InstanceQuality, Measures
 from gtlayout.scene import Scene
 
 Word = Literal["trust", "check", "redo"]
-"""Use it as it is; look at what is named before it is used; not usable without new drawings or cameras."""
+"""Use it as it is; look at what is named before it is used; not usable without new elements or cameras."""
 _NAMED = 3
-"""Elements that a sentence names."""
+"""Instances that a sentence names."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Headline:
 
     word: Word
     reasons: tuple[str, ...]
-    """Sentences that name frame or element, number and what to do, the most important first; never empty."""
+    """Sentences that name a frame, an element or an instance, a number, and what to do. The most important comes first;
+    never empty."""
 
 
 def headline(
@@ -34,13 +35,13 @@ def headline(
     measures: Measures,
     config: QualityConfig,
 ) -> Headline:
-    """*Redo* for any reason to, else *check* for any reason to, else *trust*. All reasons found are given.
+    """*Redo* if there is any reason for it, else *check* if there is any, else *trust*. All reasons are given.
 
     *Redo*: depth is known for less than ``config.min_known_share`` of what is drawn, or the IoU is not accepted.
 
-    *Check*: an element is unobservable, or the σ of its depth is as large as its depth; a key frame's IoU is below
+    *Check*: an instance is unobservable, or the σ of its depth is as large as its depth; a key frame's IoU is below
     ``config.min_frame_iou``; an extent is out of all proportion (``config.max_reach``); the predicted verdict is
-    doubtful; elements that are ok have less than ``config.min_ok_share`` of the drawn pixels.
+    doubtful; instances that are ok have less than ``config.min_ok_share`` of the drawn pixels.
     """
     redo = list(_redo(scene, instances, measures, config))
     check = list(_check(scene, instances, extents, measures, config))
@@ -49,8 +50,8 @@ def headline(
     return Headline("trust", (_good(measures),))
 
 
-def drawing(scene: Scene, instances: Sequence[Instance], element: ElementIoU) -> str:
-    """The instance, and the annotator's id of its drawing with the frame: ``wall_1 = e2 in 000010.jpg``."""
+def element_name(scene: Scene, instances: Sequence[Instance], element: ElementIoU) -> str:
+    """The instance, the annotator's id of the element and its frame: ``wall_1 = e2 in 000010.jpg``."""
     drawn = scene.key_frames[element.key_frame].elements[element.element].id
     return f"{instances[element.instance].name} = {drawn} in {scene.frame_of(element.key_frame).name}"
 
@@ -64,7 +65,7 @@ def _redo(scene: Scene, instances: Sequence[Instance], measures: Measures, confi
     if not measures.accepted:
         worst = measures.elements[measures.worst_element]
         placed = _is_placed(measures.instances[worst.instance])
-        first = f"{drawing(scene, instances, worst)} ({figure(worst.iou, 3)})"
+        first = f"{element_name(scene, instances, worst)} ({figure(worst.iou, 3)})"
         yield f"IoU {figure(measures.iou, 3)} is below {config.accept_iou:g}: " + (
             f"redraw {first} first" if placed else f"worst is {first}, whose depth is not known"
         )
@@ -84,9 +85,10 @@ def _check(
     if unknown := [i for i, one in enumerate(judged) if i not in lost and not _is_placed(one)]:
         yield f"{_some(names, unknown)} of unknown depth: the σ is as large as the depth itself"
     if low := [k for k, iou in enumerate(measures.frames) if iou < config.min_frame_iou]:
+        lowest = scene.frame_of(measures.worst_frame).name
         yield (
             f"{len(low)} of {len(measures.frames)} key frames {'is' if len(low) == 1 else 'are'} below an IoU of "
-            f"{config.min_frame_iou:g}: look at drawings and camera of {scene.frame_of(measures.worst_frame).name} "
+            f"{config.min_frame_iou:g}: look at the elements and the camera of {lowest} "
             f"({figure(measures.frames[measures.worst_frame], 3)}) first"
         )
     if far := [i for i, one in enumerate(judged) if one.reach > config.max_reach]:
@@ -107,34 +109,34 @@ def _check(
     if others and _share(good) < config.min_ok_share:
         largest = names[max(others, key=lambda i: judged[i].drawn_share)]
         yield (
-            f"only {len(good)} of {len(judged)} elements, {percent(_share(good))} of what is drawn, are ok: "
+            f"only {len(good)} of {len(judged)} instances, {percent(_share(good))} of what is drawn, are ok: "
             f"look at {largest} first, the largest of the others"
             if good
-            else f"no element is ok: look at {largest} first, the largest"
+            else f"no instance is ok: look at {largest} first, the largest"
         )
 
 
 def _good(measures: Measures) -> str:
     good = [one for one in measures.instances if one.verdict == "ok"]
-    some = f"{len(good)} of {len(measures.instances)} elements, {percent(_share(good))} of what is drawn, are ok"
+    some = f"{len(good)} of {len(measures.instances)} instances, {percent(_share(good))} of what is drawn, are ok"
     return (
         f"IoU {figure(measures.iou, 3)}, σ of depth {percent(measures.sigma_depth_share, 1)}; "
-        f"{some if len(good) < len(measures.instances) else 'all elements are ok'}"
+        f"{some if len(good) < len(measures.instances) else 'all instances are ok'}"
     )
 
 
 def _is_placed(one: InstanceQuality) -> bool:
-    """Whether anything is known of an element's depth."""
+    """Whether anything is known of an instance's depth."""
     return one.verdict != "unobservable" and is_known(one.sigma_depth, one.depth)
 
 
-def _share(elements: Sequence[InstanceQuality]) -> float:
+def _share(judged: Sequence[InstanceQuality]) -> float:
     """Of the drawn pixels."""
-    return float(sum(one.drawn_share for one in elements))
+    return float(sum(one.drawn_share for one in judged))
 
 
 def _blame(one: InstanceQuality) -> float:
-    """What an element adds to the mean σ of depth."""
+    """What an instance adds to the mean σ of depth."""
     return one.drawn_share * (one.sigma_depth / one.depth if _is_placed(one) else 1.0)
 
 

@@ -1,4 +1,4 @@
-"""What is measured of a layout: against the drawings, and by its covariances."""
+"""What is measured of a layout: against the elements, and by its covariances."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class ElementIoU:
 
 @dataclass(frozen=True)
 class InstanceQuality:
-    """What one instance is worth."""
+    """The verdict on one instance, and the measures behind it."""
 
     iou: float
     """Mean over the key frames that show it."""
     sigma_normal_deg: float
     sigma_depth: float
-    """σ of its depth at the centroid of its largest annotated polygon, world unit."""
+    """σ of its depth at the centroid of its largest element, world unit."""
     depth: float
     """That depth, world unit."""
     verdict: Verdict
@@ -43,23 +43,24 @@ class InstanceQuality:
     """Share of all drawn pixels that lie on it."""
     reach: float = np.nan
     """How far its extent reaches from the nearest camera that it was drawn in, as a multiple of the room's size; NaN
-    without extent, or when nothing is known. The room is as large as 95 % of the known pixels are near."""
+    without extent, or when no depth is known. The size of the room is the distance within which 95 % of the known
+    pixels lie."""
 
 
 @dataclass(frozen=True)
 class Measures:
-    """What is measured of a layout: against the drawings, and by its covariances."""
+    """What is measured of a layout: against the elements, and by its covariances."""
 
     iou: float
     """Mean over the key frames of the mean over their structural elements. Doors and windows count as part of the wall
     they lie in, as in the CAD-Estate release, which stores them so; ``openings_iou`` judges them alone.
     """
     accepted: bool
-    """What the IoU says."""
+    """Whether the IoU is high enough."""
     sigma_depth_share: float
     """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
     predicted: Prediction
-    """What the marginals alone say."""
+    """The verdict of the covariances alone."""
     known_share: float
     """Share of the drawn pixels whose depth is known."""
     openings_iou: float | None

@@ -1,4 +1,4 @@
-"""Tunables of joining and splitting."""
+"""Settings of joining and splitting."""
 
 from __future__ import annotations
 
@@ -10,34 +10,34 @@ class RegroupingConfig:
     """After stage 4: instances that are one plane are joined, those that are two are split."""
 
     rounds: int = 3
-    """How often the instances are looked at, and solved again when that changes them."""
+    """Most rounds of joining and splitting. After each that changes instances the planes are solved again."""
     max_chi2: float = 11.34
     """Two planes agree up to this χ² of their difference: the 99 % quantile for its 3 degrees of freedom."""
     max_sigma_share: float = 0.05
-    """… which only says something when the σ of their distance is no more than this share of the depth …"""
+    """They agree only if the σ of their distance is at most this share of the depth: a large σ agrees with anything."""
     max_gap_share: float = 0.03
-    """… and, should σ be too wide, when they are no further apart than this share of it …"""
+    """They agree only if they are no further apart than this share of the depth, in case σ is too large."""
     max_angle_deg: float = 6.0
-    """… nor at a larger angle."""
+    """They agree only if the angle between them is at most this."""
     max_reach_share: float = 0.05
     """Two parts of one plane overlap, or lie no further from each other than this share of the depth."""
     min_opening_overlap: float = 0.25
-    """Two drawings of one door or window overlap by this share of the smaller."""
+    """Two elements of one door or window overlap by at least this share of the smaller."""
     max_contradicted: float = 0.4
-    """Most that key frames may show of something else where the other part should be, as a share."""
+    """Largest share of the votes by which key frames may show something else where the other part should be."""
     min_tracks: int = 10
-    """A drawing with fewer tracks does not tell where its plane is."""
+    """An element with fewer tracks is not used to find two planes."""
     relative_depth_sigma: float = 0.02
-    """Camera and tracking errors that a drawing's tracks share, as a share of depth."""
+    """Camera and tracking errors that the tracks of an element have in common, as a share of depth."""
     track_cauchy: float = 2.0
     """Robust scale of a track, in σ."""
     track_cutoff: float = 3.0
-    """A track off by more σ does not lie on the plane."""
+    """A track that is off by more σ does not lie on the plane."""
     max_truncated_loss: float = 0.6
-    """Two planes explain an instance when each leaves no more than this share of any of its drawings unexplained …"""
+    """Two planes explain an instance only if each leaves at most this share of any of its elements unexplained."""
     min_loss_on_other: float = 0.6
-    """… and no less of the other plane's, on average …"""
+    """They explain it only if each leaves at least this share of the other plane's elements unexplained, on average."""
     min_gain: float = 0.5
-    """… and when so many drawings more than by the best single plane are explained."""
+    """They explain it only if they explain this many elements more than the best single plane."""
     max_shown_as_one: float = 0.4
-    """Most that key frames may show of one part where the other should be, as a share."""
+    """Largest share of the votes by which key frames may show one part where the other should be."""

@@ -1,4 +1,4 @@
-"""Which instances are one plane: their planes agree within what is known of both, and no annotation forbids it."""
+"""Which instances are one plane: their planes agree within their covariance, and no annotation contradicts it."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Difference:
 
 
 def plane_difference(solved: Estimate, pair: tuple[int, int]) -> Difference:
-    """How far apart two planes are, by their joint covariance: the errors they share cancel."""
+    """The difference of two planes by their joint covariance, in which the errors they share cancel."""
     a, b = (solved.planes[i] for i in pair)
     (aa, ab), (ba, bb) = [[solved.covariance[4 * i : 4 * i + 4, 4 * j : 4 * j + 4] for j in pair] for i in pair]
     covariance = aa + bb - ab - ba
@@ -62,7 +62,7 @@ def plane_difference(solved: Estimate, pair: tuple[int, int]) -> Difference:
 def find_joins(
     scene: Scene, instances: Sequence[Instance], solved: Estimate, config: RegroupingConfig, extent: ExtentConfig
 ) -> tuple[Join, ...]:
-    """The pairs to be joined, surest first, each instance in one of them at most."""
+    """The pairs to join, the most certain first. Each instance is in at most one of them."""
     max_depth = extent.max_depth_ratio * median_depth(scene, instances, solved.planes)
     found = []
     for pair in combinations(range(len(instances)), 2):
@@ -78,7 +78,7 @@ def find_joins(
 
 
 def _allowed(a: Instance, b: Instance) -> bool:
-    """Whether two instances may be one: what is drawn as two in one key frame is two, meet where it may."""
+    """Whether two instances may be one. Two elements of one key frame are always two instances."""
     return a.label == b.label and a.host == b.host and not {k for k, _ in a.members} & {k for k, _ in b.members}
 
 
@@ -102,7 +102,7 @@ def _one_plane(
         return False
     gap, sigma = difference.at(np.concatenate([one.points for one in drawn]))
     depth = np.concatenate([one.depth for one in drawn])
-    # A difference within wide σ says nothing, and σ may be too wide.
+    # With a large σ every difference is within σ, and σ may be too large.
     if np.median(sigma / depth) > config.max_sigma_share or np.median(np.abs(gap) / depth) > config.max_gap_share:
         return False
     if not _continue_each_other(drawn[0], drawn[1], instances[pair[0]].label, config):

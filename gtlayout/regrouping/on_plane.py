@@ -1,4 +1,4 @@
-"""Where the drawings of an instance lie on a plane, and what key frames show there."""
+"""Where the elements of an instance lie on a plane, and what key frames show there."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from gtlayout.instances import Instance, Plane, PlaneFrame
 from gtlayout.scene import FloatArray, Scene
 
 _POINTS = 40
-"""Points spread over each drawing."""
+"""Points spread over each element."""
 _REACH_PX = 4.0
 """Annotators' lines, and the cameras, are off by a few pixels."""
 
 
 @dataclass(frozen=True)
 class UnprojectedElements:
-    """Some drawings, unprojected on one plane."""
+    """Some elements, unprojected on one plane."""
 
     points: FloatArray
     """(P, 3) spread over all of them, world."""
     depth: FloatArray
     """(P,) at which their key frames see these."""
     region: MultiPolygon
-    """What they cover together, in the plane's own frame; empty when none of them can lie on the plane."""
+    """Their union, in the plane's own frame; empty when none of them can lie on the plane."""
 
 
 def unproject_elements(
     scene: Scene, members: Sequence[tuple[int, int]], plane: Plane, max_depth: float, config: ExtentConfig
 ) -> UnprojectedElements:
-    """The drawings ``members``, (key frame, element) each, as if they lay on ``plane``."""
+    """Unproject the elements ``members``, (key frame, element) each, on ``plane``."""
     frame = PlaneFrame.across(plane.normal, -plane.d * plane.normal)
     points, depth, regions = [np.empty((0, 3))], [np.empty(0)], []
     for k, element in members:
@@ -63,7 +63,7 @@ def visibility_votes(
 ) -> tuple[int, int]:
     """What the key frames of instance ``index`` show where (P, 3) points of ``other_part`` should be.
 
-    What lies nearer than the points may hide them and does not count.
+    Anything nearer than the points may hide them and does not count.
 
     Returns:
         How often they show instance ``index`` or an opening in one of the two, and how often anything else.

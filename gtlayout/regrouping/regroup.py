@@ -1,7 +1,7 @@
 """After stage 4: instances that turn out to be one plane are joined, those that turn out to be two are split.
 
-Tracks alone cannot tell that a wall which leaves the image is the one that comes into it later, and now and then they
-join two walls. Once the planes and what is known of them are there, both show.
+Tracks alone cannot show that a wall that leaves the image is the one that enters it later, and sometimes they join two
+walls. The planes and their covariance show both.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gtlayout.scene import IntArray, Scene
 
 @dataclass(frozen=True)
 class Regrouping:
-    """New instances, and why."""
+    """New instances, and the reasons for them."""
 
     instances: tuple[Instance, ...]
     track_instance: IntArray
@@ -36,9 +36,9 @@ class Regrouping:
 def regroup(
     measured: Measurements, solved: Estimate, config: RegroupingConfig, extent: ExtentConfig
 ) -> Regrouping | None:
-    """The instances as the solved planes want them; None when they stay as they are.
+    """The instances that follow from the solved planes; None when they do not change.
 
-    What was split here is not joined with others until its planes have been solved.
+    An instance that is split is not joined with others until its planes have been solved.
     """
     scene, instances = measured.scene, measured.instances
     splits = find_splits(measured, solved.planes, config, extent)
@@ -68,7 +68,7 @@ def _group_of(scene: Scene, groups: Sequence[Members]) -> IntArray:
 
 
 def _in_words(scene: Scene, first: tuple[int, int], second: tuple[int, int]) -> str:
-    """Two elements as an annotator knows them; instances change their names here."""
+    """Two elements by the annotator's ids, because instances change their names here."""
     names = []
     for k, e in (first, second):
         element = scene.key_frames[k].elements[e]

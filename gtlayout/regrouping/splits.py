@@ -1,4 +1,4 @@
-"""Which instances are two planes: the tracks of their drawings fall into two clusters that no single plane explains."""
+"""Which instances are two planes: the tracks of their elements fall into two clusters that no single plane explains."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _MOST_TRACKS = 100
-"""Tracks of a drawing that are looked at, evenly spread over them."""
+"""Most tracks of an element that are used, evenly spread over them."""
 _MOST_PAIRS = 60
-"""Pairs of drawings through which a single plane is tried."""
+"""Pairs of elements through which a single plane is tried."""
 _ITERATIONS = 15
 _SAME_SHARE = 1e-6
 """Overlaps that differ by less are equal."""
@@ -42,7 +42,7 @@ class Split:
 
 @dataclass(frozen=True)
 class Cluster:
-    """Tracks of a drawing, each a point at inverse depth ρ on a ray. The origin lies amid the cameras."""
+    """Tracks of an element, each a point at inverse depth ρ on a ray. The origin lies amid the cameras."""
 
     center: FloatArray
     """(N, 3) where the rays start."""
@@ -51,7 +51,7 @@ class Cluster:
     rho: FloatArray
     """(N,)."""
     sigma_rho: FloatArray
-    """(N,) with what all tracks of a key frame share."""
+    """(N,) with the errors that all tracks of a key frame share."""
 
     def residuals(self, plane: FloatArray) -> FloatArray:
         """(N,) inverse depths minus those of the plane ``plane · X = -1``, in σ."""
@@ -60,17 +60,17 @@ class Cluster:
         return residuals
 
     def truncated_loss(self, plane: FloatArray, config: RegroupingConfig) -> float:
-        """How much of the drawing that plane leaves unexplained, in [0, 1]."""
+        """The share of the element that the plane leaves unexplained, in [0, 1]."""
         return float(np.mean(np.minimum((self.residuals(plane) / config.track_cutoff) ** 2, 1.0)))
 
 
 def find_splits(
     measured: Measurements, planes: Sequence[Plane], config: RegroupingConfig, extent: ExtentConfig
 ) -> tuple[Split, ...]:
-    """The instances whose tracks lie on two planes, where the annotations do not say that these are one surface.
+    """The instances whose tracks lie on two planes, where the annotations do not contradict a split.
 
-    A key frame with a wrong pose, and a mirror, put tracks of one surface on two planes as well. But then a key frame
-    that shows one part shows the same where the other part should be: that forbids the split.
+    A key frame with a wrong pose, or a mirror, also puts tracks of one instance on two planes. But then a key frame
+    that shows one part shows the same instance where the other part should be. That forbids the split.
     """
     scene, tracks, rays, instances = measured.scene, measured.tracks, measured.rays, measured.instances
     origin = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
@@ -97,13 +97,13 @@ def find_splits(
 
 
 def two_planes(clusters: Sequence[Cluster], config: RegroupingConfig) -> tuple[BoolArray, FloatArray] | None:
-    """The best two planes through a few clusters of tracks, when one will not do.
+    """The best two planes through a few clusters of tracks, when one plane does not explain them.
 
     Every cluster counts the same, however many tracks it has: they share the errors of their key frame's camera.
 
     Returns:
         (C,) which clusters lie on the second plane, and (2, 3) the planes, ``plane · X = -1``; None when a single one
-        will do, or two will not.
+        explains them, or two do not.
     """
     if len(clusters) < 2:
         return None
@@ -161,7 +161,7 @@ def cluster_of(
     origin: FloatArray,
     config: RegroupingConfig,
 ) -> Cluster:
-    """The tracks that were sampled on one drawing. No plane may run through the world point ``origin``."""
+    """The tracks that were sampled on one element. No plane may run through the world point ``origin``."""
     index = np.nonzero(used & (tracks.key_frame == member[0]) & (tracks.element == member[1]))[0]
     index = index[np.linspace(0, len(index) - 1, min(len(index), _MOST_TRACKS)).round().astype(int)]
     rho = rays.rho[index]
@@ -208,7 +208,7 @@ def _with_the_others(
     max_depth: float,
     extent: ExtentConfig,
 ) -> tuple[Members, Members]:
-    """Both parts with the drawings that have too few tracks to tell: each goes where it overlaps what is there more."""
+    """Both parts with the elements that have too few tracks. Each of these goes to the part that it overlaps more."""
     regions = [
         unproject_elements(scene, part, plane, max_depth, extent).region
         for part, plane in zip(parts, sides, strict=True)
@@ -222,7 +222,7 @@ def _with_the_others(
         for plane, region in zip(sides, regions, strict=True):
             drawn = unproject_elements(scene, [member], plane, max_depth, extent).region
             overlap.append(drawn.intersection(region).area / drawn.area if drawn.area else 0.0)
-        # A drawing that lies within both lies so in each but for rounding.
+        # An element that lies within both parts overlaps both equally, up to rounding.
         tied = abs(overlap[1] - overlap[0]) < _SAME_SHARE
         whole[larger if tied else int(overlap[1] > overlap[0])].append(member)
     return tuple(sorted(whole[0])), tuple(sorted(whole[1]))

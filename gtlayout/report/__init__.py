@@ -1,7 +1,7 @@
 """A solved scene as one HTML page that needs nothing but a browser.
 
-``report_data`` gathers what the page says, ``page`` renders it, ``write_report`` does the reading and writing. For runs
-of many scenes: ``solved_page`` and ``thumbnail`` of each, and ``plotly_file``, which their pages share.
+``report_data`` gathers the content of the page, ``page`` renders it, ``write_report`` does the reading and writing. For
+runs of many scenes: ``solved_page`` and ``thumbnail`` of each, and ``plotly_file``, which their pages share.
 """
 
 from gtlayout.report.data import report_data

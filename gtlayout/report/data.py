@@ -1,4 +1,4 @@
-"""What the page says: plain data out of a scene, its layout and its quality."""
+"""The content of the page: plain data from a scene, its layout and its quality."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def report_data(
 ) -> dict[str, Any]:
     """Everything the template needs, as dicts, lists, strings and numbers; no NaN.
 
-    ``photos`` are (H, W, 3) RGB, one a key frame, None where it cannot be read.
+    ``photos`` are (H, W, 3) RGB, one per key frame, None where it cannot be read.
     """
     colors = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in instance_colors(range(len(layout.instances)))]
     full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
@@ -56,19 +56,19 @@ def report_data(
         "counts": {
             "frames": len(scene.frames),
             "key_frames": len(scene.key_frames),
-            "elements": len(layout.instances),
+            "instances": len(layout.instances),
             "not_ok": sum(judged.verdict != "ok" for judged in quality.instances),
         },
         "worst_frame": {"number": quality.worst_frame, "iou": finite(quality.frames[quality.worst_frame])},
         "worst_element": {
             "number": worst.key_frame,
-            "element": layout.instances[worst.instance].name,
+            "instance": layout.instances[worst.instance].name,
             "id": scene.key_frames[worst.key_frame].elements[worst.element].id,
             "iou": worst.iou,
         },
         "reasons": reasons(layout, quality),
         "warnings": list(warnings),
-        "elements": _elements(layout, quality, colors),
+        "instances": _instances(layout, quality, colors),
         "dimensions": _dimensions(layout),
         "frames": [
             key_frame_data(scene, layout, quality, number, photo, colors) for number, photo in enumerate(photos)
@@ -81,8 +81,8 @@ def report_data(
     }
 
 
-def _elements(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[dict[str, Any]]:
-    """One row an element; None where nothing is known."""
+def _instances(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[dict[str, Any]]:
+    """One row per instance; None where nothing is known."""
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, colors, strict=True)
     return [
         {

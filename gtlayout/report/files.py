@@ -23,7 +23,7 @@ from gtlayout.solution import Solution
 
 @dataclass(frozen=True)
 class Records:
-    """What a solve noted beside its layout; empty where a file is absent."""
+    """What a solve wrote beside its layout; empty where a file is absent."""
 
     timings_s: dict[str, float] = field(default_factory=dict)
     """Seconds of each stage."""

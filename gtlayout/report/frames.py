@@ -36,7 +36,7 @@ _DIFFERENCE = (255, 0, 200)
 def key_frame_data(
     scene: Scene, layout: Layout, quality: Quality, number: int, photo: ImageArray | None, colors: Sequence[str]
 ) -> dict[str, Any]:
-    """The layers of key frame ``number`` and its IoUs; ``photo`` (H, W, 3) RGB or None, ``colors`` one an instance."""
+    """The layers of key frame ``number`` and its IoUs; ``photo`` (H, W, 3) RGB or None, ``colors`` one per instance."""
     key_frame, camera = scene.key_frames[number], scene.frame_of(number).camera
     instance_of = {e: i for i, instance in enumerate(layout.instances) for k, e in instance.members if k == number}
     rendered, _ = render(layout.planes, layout.extents, layout.instances, camera)

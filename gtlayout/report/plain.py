@@ -1,4 +1,4 @@
-"""Values as HTML and JSON can say them."""
+"""Values in a form that HTML and JSON can hold."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ const middle = room.low.map((low, axis) => (low + room.high[axis]) / 2);
 const sides = room.low.map((low, axis) => Math.max(room.high[axis] - low, 1e-9));
 const longest = Math.max(...sides);
 const unit = room.metric ? "m" : "u";
-let mode = "element";
+let mode = "instance";
 let eye = room.eye;
 
 const checked = (id) => document.getElementById(id).checked;
@@ -17,45 +17,45 @@ const withSigma = (length, sigma) =>
   isKnown(sigma, length) ? `${length.toFixed(2)} ± ${sigma.toFixed(2)} ${unit}` : `${length.toFixed(2)} ${unit} ± unknown`;
 const sigmaAt = (sigma) => (isKnown(sigma, longest) ? `σ ${sigma.toPrecision(2)} ${unit}` : "σ unknown");
 
-// Normals point at the cameras: from behind a surface one looks through it into the room.
-function seenFromInside(surface) {
+// Normals point at the cameras: from behind an instance one looks through it into the room.
+function seenFromInside(instance) {
   const [x, y, z] = eye.map((value, axis) => middle[axis] + value * longest);
-  const [nx, ny, nz] = surface.normal;
-  return nx * x + ny * y + nz * z + surface.d > 0;
+  const [nx, ny, nz] = instance.normal;
+  return nx * x + ny * y + nz * z + instance.d > 0;
 }
 
 // Shaded here, by the plane's normal: plotly's lighting takes it from triangles, and thin ones have none.
 const LIGHT = [0.27, 0.53, 0.8];
-function shaded(surface) {
-  const share = 0.72 + 0.28 * Math.abs(surface.normal.reduce((sum, value, axis) => sum + value * LIGHT[axis], 0));
-  return `rgb(${surface.color.map((channel) => Math.round(channel * share)).join()})`;
+function shaded(instance) {
+  const share = 0.72 + 0.28 * Math.abs(instance.normal.reduce((sum, value, axis) => sum + value * LIGHT[axis], 0));
+  return `rgb(${instance.color.map((channel) => Math.round(channel * share)).join()})`;
 }
 
-function brokenLines(surfaces) {
-  return [0, 1, 2].map((axis) => surfaces.flatMap((surface) => surface.outline[axis]));
+function brokenLines(instances) {
+  return [0, 1, 2].map((axis) => instances.flatMap((instance) => instance.outline[axis]));
 }
 
 function traces() {
   const bySigma = mode === "sigma";
-  const front = room.surfaces.filter((surface) => !checked("cut-away") || seenFromInside(surface));
-  const behind = room.surfaces.filter((surface) => !front.includes(surface));
+  const front = room.instances.filter((instance) => !checked("cut-away") || seenFromInside(instance));
+  const behind = room.instances.filter((instance) => !front.includes(instance));
   const drawn = [];
-  for (const surface of front) {
-    const [x, y, z] = surface.vertices;
-    const [i, j, k] = surface.faces;
-    // Also a plain colour is a scale: plotly keeps the scale of a surface that gets a colour instead.
-    const scale = bySigma ? room.sigma_scale : [shaded(surface), shaded(surface)];
+  for (const instance of front) {
+    const [x, y, z] = instance.vertices;
+    const [i, j, k] = instance.faces;
+    // Also a plain colour is a scale: plotly keeps the scale of an instance that gets a colour instead.
+    const scale = bySigma ? room.sigma_scale : [shaded(instance), shaded(instance)];
     drawn.push({
-      type: "mesh3d", name: surface.name, x, y, z, i, j, k, hoverinfo: "text",
-      intensity: surface.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
+      type: "mesh3d", name: instance.name, x, y, z, i, j, k, hoverinfo: "text",
+      intensity: instance.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
       colorscale: scale.map((color, step) => [step / (scale.length - 1), color]),
-      text: surface.sigma.map((sigma) => `${plain(surface.name)}: ${sigmaAt(sigma)}`),
+      text: instance.sigma.map((sigma) => `${plain(instance.name)}: ${sigmaAt(sigma)}`),
       lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
     });
   }
   const outlines = [[front, "rgba(30,35,45,.9)", 3], [behind, "rgba(128,136,150,.6)", 2]];
-  for (const [surfaces, color, width] of outlines.filter(([surfaces]) => surfaces.length > 0)) {
-    const [x, y, z] = brokenLines(surfaces);
+  for (const [instances, color, width] of outlines.filter(([instances]) => instances.length > 0)) {
+    const [x, y, z] = brokenLines(instances);
     drawn.push({ type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip", line: { color, width } });
   }
   const ink = getComputedStyle(document.body).color;
@@ -103,7 +103,7 @@ for (const button of document.querySelectorAll("button[data-mode]")) {
     for (const other of document.querySelectorAll("button[data-mode]")) {
       other.setAttribute("aria-pressed", String(other === button));
     }
-    document.getElementById("element-legend").hidden = mode !== "element";
+    document.getElementById("instance-legend").hidden = mode !== "instance";
     document.getElementById("sigma-legend").hidden = mode !== "sigma";
     draw();
   });
@@ -127,7 +127,7 @@ function start() {
     view.on("plotly_relayout", (change) => {
       const camera = change["scene.camera"];
       if (!camera) return;
-      const sides = () => room.surfaces.map(seenFromInside).join();
+      const sides = () => room.instances.map(seenFromInside).join();
       const before = sides();
       eye = ["x", "y", "z"].map((axis) => camera.eye[axis]);
       if (sides() !== before) draw();

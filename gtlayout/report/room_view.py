@@ -1,4 +1,4 @@
-"""The room in 3D as data for the page: one surface an element, z up, with σ at every vertex."""
+"""The room in 3D as data for the page: one mesh per instance, z up, with σ at every vertex."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
 
 SIGMA_STEP_SHARE = 0.06
-"""Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a surface."""
+"""Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a plane."""
 _OUTLINE_LIFT = 0.05
 """Of that edge."""
 _SCALE_STEPS = 16
@@ -26,13 +26,13 @@ _EYE_DISTANCE = 1.3
 
 
 def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]:
-    """Surfaces, outlines, camera path and dimensions, turned so that z is up and the largest wall runs along x.
+    """Meshes, outlines, camera path and dimensions, turned so that z is up and the largest wall runs along x.
 
     Lengths are in world units; ``sigma_full`` is the end of the scale of σ.
     """
     turn = upright(scene, layout)
     step = SIGMA_STEP_SHARE * float(np.linalg.norm(np.ptp(layout.triangles.vertices, axis=0)))
-    surfaces = []
+    instances = []
     for i, (instance, plane, extent) in enumerate(zip(layout.instances, layout.planes, layout.extents, strict=True)):
         faces = layout.triangles.faces[layout.triangles.face_instance == i]
         if len(faces) == 0:
@@ -41,12 +41,12 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
         fine, fine_faces = trimesh.remesh.subdivide_to_size(
             layout.triangles.vertices[used], renumbered.reshape(-1, 3), step, max_iter=20
         )
-        # In front of the surface, or they would not be seen whole.
+        # In front of the mesh, or they would not be seen whole.
         lifted = _OUTLINE_LIFT * step * plane.normal
         outline = [
             (extent.frame.to_world(np.vstack([ring, ring[:1]])) + lifted) @ turn.T for ring in rings_of(extent.region)
         ]
-        surfaces.append(
+        instances.append(
             {
                 "name": instance.name,
                 "color": instance_colors(i).tolist(),
@@ -65,7 +65,7 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
     margin = _MARGIN_SHARE * np.ptp(everything, axis=0).max()
     low, high = everything.min(axis=0) - margin, everything.max(axis=0) + margin
     return {
-        "surfaces": surfaces,
+        "instances": instances,
         "path": _columns(path),
         "dimensions": [
             {"ends": _columns(one.ends_world @ turn.T), "length": one.length, "sigma": _rounded(np.array(one.sigma))}

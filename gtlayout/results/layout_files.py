@@ -22,7 +22,7 @@ from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
-from gtlayout.results.layout_format import FORMAT, ElementRow, LayoutFile
+from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
 from gtlayout.results.names import LOG_FILE, REPORT_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text
@@ -41,7 +41,7 @@ def write_results(
     cameras_refined: bool = False,
     timings_s: Mapping[str, float] | None = None,
 ) -> None:
-    """Write all result files: every one complete before the first takes its place. What came of an earlier solve goes.
+    """Write all result files. All are complete before the first takes its place. Those of an earlier solve are removed.
 
     ``cameras_refined``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
     seconds of each stage; in a file of their own, because all others are the same bytes for the same input.
@@ -61,7 +61,7 @@ def write_results(
             out_dir / "layout.glb": glb_bytes(layout),
             out_dir / "quality.json": json_text(_quality(scene, layout, quality)),
             out_dir / "config.json": json_text({"versions": package_versions(), "config": asdict(config)}),
-            # Last, because it is what says that a scene is solved.
+            # Last, because its presence means that the scene is solved.
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
         }
     )
@@ -72,26 +72,27 @@ def write_results(
 
 @cache
 def package_versions() -> dict[str, str]:
-    """What a layout was made with."""
+    """The versions of gtlayout, Python and the packages that decide a result."""
     return {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
 
 
 def read_layout(out_dir: Path, scene: Scene) -> Layout:
     """Read a layout of ``scene`` back from its layout.json.
 
-    Drawings are found by the names of image and element, so annotations may have been reordered since.
+    Elements are found by the names of their image and by their ids, so annotations may have been reordered since the
+    solve.
 
     Raises:
-        GtlayoutError: the file is absent, not a layout, or names drawings that the scene does not have.
+        GtlayoutError: the file is absent, not a layout, or names elements that the scene does not have.
     """
     path = out_dir / "layout.json"
     data = read_json(path)
     if data.get("format") != FORMAT:
         raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
     try:
-        names = [row["name"] for row in data["elements"]]
+        names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
-        parts = [_read_element(row, names, _drawings(scene), metric, path) for row in data["elements"]]
+        parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
         dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
         mesh = _read_mesh(data["mesh"], names)
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -101,10 +102,10 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
 
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> LayoutFile:
-    elements: list[ElementRow] = []
+    rows: list[InstanceRow] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
     for instance, plane, extent, judged in parts:
-        elements.append(
+        rows.append(
             {
                 "name": instance.name,
                 "label": instance.label,
@@ -145,13 +146,13 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); "
-        "world frame of the input cameras; vertex_sigma along the normal, the largest of the elements that share the "
-        "vertex",
+        "world frame of the input cameras; vertex_sigma along the normal, the largest of the instances that share "
+        "the vertex",
         "headline": {"word": quality.headline.word, "reasons": quality.headline.reasons},
         "accepted": quality.accepted,
         "predicted": quality.predicted,
         "sigma_depth_share": quality.sigma_depth_share,
-        "elements": elements,
+        "instances": rows,
         "dimensions": [
             {
                 "kind": dimension.kind,
@@ -166,12 +167,12 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
             "vertices": layout.triangles.vertices,
             "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
             "faces": layout.triangles.faces,
-            "face_element": [layout.instances[i].name for i in layout.triangles.face_instance],
+            "face_instance": [layout.instances[i].name for i in layout.triangles.face_instance],
         },
     }
 
 
-def _drawings(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
+def _elements(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
     """(image, element id) → (key frame index, element index)."""
     return {
         (scene.frame_of(k).name, element.id): (k, e)
@@ -180,16 +181,16 @@ def _drawings(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
     }
 
 
-def _read_element(
-    row: dict[str, Any], names: list[str], drawings: dict[tuple[str, str], tuple[int, int]], metric: bool, path: Path
+def _read_instance(
+    row: dict[str, Any], names: list[str], elements: dict[tuple[str, str], tuple[int, int]], metric: bool, path: Path
 ) -> tuple[Instance, Plane, Extent]:
     drawn = [(member["image"], member["element"]) for member in row["members"]]
     for image, element in drawn:
-        if (image, element) not in drawings:
+        if (image, element) not in elements:
             raise GtlayoutError(
                 f"{path} was made from other annotations: {image} has no element {element}; solve the scene again"
             )
-    members = tuple(sorted(drawings[each] for each in drawn))
+    members = tuple(sorted(elements[each] for each in drawn))
     instance = Instance(row["name"], row["label"], members, None if row["host"] is None else names.index(row["host"]))
     plane = row["plane"]
     if row["label"] not in LABELS:
@@ -217,8 +218,8 @@ def _read_element(
 
 
 def _read_support(row: dict[str, Any]) -> Support:
-    if row["held_by"] not in get_args(EvidenceKind):
-        raise ValueError(f"unknown support {row['held_by']!r}")
+    if row["dominant_evidence"] not in get_args(EvidenceKind):
+        raise ValueError(f"unknown support {row['dominant_evidence']!r}")
     return Support(
         tracks=int(row["tracks"]),
         survived=float(_numbers(row["survived"])),
@@ -226,7 +227,7 @@ def _read_support(row: dict[str, Any]) -> Support:
         outvoted=float(_numbers(row["outvoted"])),
         contact_edges=int(row["contact_edges"]),
         edge_px=float(_numbers(row["edge_px"])),
-        held_by=row["held_by"],
+        dominant_evidence=row["dominant_evidence"],
     )
 
 
@@ -240,10 +241,10 @@ def _read_dimension(row: dict[str, Any], names: list[str]) -> Dimension:
 
 def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
     faces = np.array(data["faces"], dtype=np.int64).reshape(-1, 3)
-    owners = np.array([names.index(name) for name in data["face_element"]], dtype=np.int64)
+    owners = np.array([names.index(name) for name in data["face_instance"]], dtype=np.int64)
     vertices = _numbers(data["vertices"]).reshape(-1, 3)
     if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
-        raise ValueError("the mesh's faces do not fit its vertices or elements")
+        raise ValueError("the mesh's faces do not fit its vertices or instances")
     return Mesh(vertices, faces, owners)
 
 

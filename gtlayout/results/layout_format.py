@@ -1,4 +1,4 @@
-"""What stands in layout.json: the types of its parts, and their JSON schema.
+"""The content of layout.json: the types of its parts, and their JSON schema.
 
 ``python -m gtlayout.results.layout_format > docs/layout.schema.json`` writes the schema that the documentation shows.
 """
@@ -15,8 +15,8 @@ from gtlayout.quality.headline import Word
 from gtlayout.quality.measures import Prediction, Verdict
 from gtlayout.scene import FloatArray, IntArray, Label
 
-Format = Literal["gtlayout-layout/3"]
-FORMAT: Format = "gtlayout-layout/3"
+Format = Literal["gtlayout-layout/4"]
+FORMAT: Format = "gtlayout-layout/4"
 
 _NUMBER_OR_NULL = {"type": ["number", "null"]}
 NumberOrNull = Annotated[float, OrNull()]
@@ -24,7 +24,7 @@ Points = Annotated[FloatArray, Shape((None, 3))]
 
 
 class Member(TypedDict):
-    """One drawing of an element."""
+    """One element, drawn in a key frame, that shows the instance."""
 
     image: str
     """File name of the key frame's image."""
@@ -36,11 +36,11 @@ class PlaneRow(TypedDict):
     """normal · X + d = 0 in the world frame of the cameras."""
 
     normal: Annotated[FloatArray, Shape((3,), _NUMBER_OR_NULL)]
-    """Unit normal, towards the cameras; nulls when nothing places the plane."""
+    """Unit normal, towards the cameras; nulls when the plane is not placed."""
     d: NumberOrNull
     """World unit."""
     covariance: Annotated[FloatArray, Shape((4, 4), _NUMBER_OR_NULL)]
-    """Of (normal, normal · anchor + d) in the world frame; rank 3; nulls when nothing places the plane."""
+    """Of (normal, normal · anchor + d) in the world frame; rank 3; nulls when the plane is not placed."""
     anchor: Annotated[FloatArray, Shape((3,))]
     """The world's origin, or, where that is so far away that (normal, d) loses digits, a point amid the cameras."""
     observable: bool
@@ -48,15 +48,15 @@ class PlaneRow(TypedDict):
     note: str
     """Why it is not observable; empty when it is."""
     support: Annotated[dict[str, Any], Support]
-    """What places it."""
+    """What it is solved from."""
     sigma_normal_deg: NumberOrNull
     """σ of the normal's direction, degrees: the larger of its two principal axes."""
     sigma_depth: NumberOrNull
-    """σ of the depth at the centroid of the element's largest drawing, world unit."""
+    """σ of the depth at the centroid of the largest element, world unit."""
 
 
 class ExtentRow(TypedDict):
-    """The finite part of the plane that the element covers."""
+    """The finite part of the plane that the instance covers."""
 
     area: float
     """Square world units."""
@@ -67,21 +67,21 @@ class ExtentRow(TypedDict):
     polygons: list[list[Points]]
     """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one."""
     unrefined: list[list[Points]]
-    """The same before refinement: the plain union of the unprojected drawings."""
+    """The same before refinement: what the key frames' unprojected elements agree on, by vote."""
     unknown_area: float
-    """What was drawn beyond where the depth is known and was left out, square world units."""
+    """Area that is drawn where the depth is not known, and is left out; square world units."""
 
 
-class ElementRow(TypedDict):
+class InstanceRow(TypedDict):
     """One wall, floor, ceiling, slanted surface, door or window."""
 
     name: str
     """Label and a running number, unique in the file."""
     label: Label
     host: str | None
-    """For doors and windows: name of the element whose plane they lie in; null when they have none."""
+    """For doors and windows: name of the instance whose plane they lie in; null when they have none."""
     members: list[Member]
-    """The drawings that show it, at most one a key frame."""
+    """The elements that show it, at most one per key frame."""
     plane: PlaneRow
     extent: ExtentRow
     iou: NumberOrNull
@@ -94,40 +94,40 @@ class ElementRow(TypedDict):
 
 
 class DimensionRow(TypedDict):
-    """The distance of two surfaces that face each other."""
+    """The distance of two instances that face each other."""
 
     kind: Literal["height", "width"]
     """Floor to ceiling, or wall to wall."""
     between: Annotated[list[str], Shape((2,), {"type": "string"})]
-    """Names of both elements; of a height the floor first."""
+    """Names of both instances; of a height the floor first."""
     length: float
     """World unit."""
     sigma: NumberOrNull
-    """σ of the length, world unit; what the errors of both planes have in common counts."""
+    """σ of the length, world unit; from the joint covariance of both planes."""
     ends: Annotated[FloatArray, Shape((2, 3))]
     """Where it is measured: a point on each plane."""
 
 
 class MeshRow(TypedDict):
-    """Triangles that share their vertices where elements touch."""
+    """Triangles that share their vertices where instances touch."""
 
     vertices: Points
     """World."""
     vertex_sigma: Annotated[FloatArray, Shape((None,), _NUMBER_OR_NULL)]
-    """σ along the normal at each vertex, the largest of the elements that share it, world unit."""
+    """σ along the normal at each vertex, the largest of the instances that share it, world unit."""
     faces: Annotated[IntArray, Shape((None, 3), {"type": "integer", "minimum": 0})]
     """Indices of vertices, counter-clockwise seen from the cameras."""
-    face_element: list[str]
-    """Name of the element that each face belongs to."""
+    face_instance: list[str]
+    """Name of the instance that each face belongs to."""
 
 
 class HeadlineRow(TypedDict):
-    """The verdict in a word."""
+    """The verdict on the scene in a word, with its reasons."""
 
     word: Word
-    """Use it as it is; look at what is named first; not usable without new drawings or cameras."""
+    """Use it as it is; look at what is named first; not usable without new elements or cameras."""
     reasons: Sequence[str]
-    """Sentences that name frame or element and number, the most important first."""
+    """Sentences that name a frame, an element or an instance, and a number; the most important first."""
 
 
 class LayoutFile(TypedDict):
@@ -142,16 +142,16 @@ class LayoutFile(TypedDict):
     unit: Literal["m", "scene unit"]
     """Of all lengths."""
     convention: str
-    """Signs, frames and what σ is taken of, in words."""
+    """Signs, frames and the meaning of σ, in words."""
     headline: HeadlineRow
     """What to do with the scene, in a word, and why."""
     accepted: bool
     """Whether the reprojection IoU is at least 0.8."""
     predicted: Prediction
-    """What the covariances say of the depth."""
+    """Whether the covariances show that the depth is known."""
     sigma_depth_share: float
     """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
-    elements: list[ElementRow]
+    instances: list[InstanceRow]
     dimensions: list[DimensionRow]
     """Heights and widths of the room."""
     mesh: MeshRow

@@ -19,7 +19,7 @@ def refined_cameras_text(scene: Scene) -> str:
 
 
 def with_refined_cameras(scene: Scene, folder: Path) -> Scene:
-    """The scene with the poses its layout in ``folder`` was solved with; as it is when they were the given ones.
+    """The scene with the poses that its layout in ``folder`` was solved with; unchanged when they are the given ones.
 
     Raises GtlayoutError when the file is damaged or lacks a frame of the scene.
     """

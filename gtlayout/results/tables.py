@@ -14,7 +14,7 @@ from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with
 from gtlayout.instances import Dimension
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
-from gtlayout.quality.headline import Headline, drawing
+from gtlayout.quality.headline import Headline, element_name
 from gtlayout.scene import Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 
@@ -23,7 +23,7 @@ _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
 _HEADLINE_STYLES = {"trust": "bold green", "check": "bold yellow", "redo": "bold red"}
 
 
-def element_table(layout: Layout, quality: Quality) -> Table:
+def instance_table(layout: Layout, quality: Quality) -> Table:
     """One row per instance; fits 80 columns."""
     table = Table(box=SIMPLE, padding=0, show_edge=False)
     for column in _COLUMNS:
@@ -36,7 +36,7 @@ def element_table(layout: Layout, quality: Quality) -> Table:
 
 
 def reasons(layout: Layout, quality: Quality) -> list[str]:
-    """Why each element that is not ok is not, and what makes it uncertain: one line an element."""
+    """Why each instance that is not ok is not, and what makes it uncertain: one line per instance."""
     return [
         f"{instance.name} is {judged.verdict}: {judged.reason}"
         + (f" ({', '.join(judged.causes)})" if judged.causes else "")
@@ -61,7 +61,7 @@ def most_certain_first(dimensions: Sequence[Dimension]) -> list[Dimension]:
 
 
 def camera_line(cameras: CameraReport, metric: bool) -> str:
-    """One line: what refining the cameras came to."""
+    """One line: the result of refining the cameras."""
     if not cameras.refined:
         return f"cameras kept: refinement did not prove itself ({cameras.kept_because})"
     shift = figure(100 * cameras.shift, 1, " cm") if metric else f"{short(cameras.shift)} units"
@@ -79,22 +79,22 @@ def headline_text(headline: Headline) -> Text:
 
 
 def measures(scene: Scene, layout: Layout, quality: Quality) -> str:
-    """One line: what the headline rests on: IoU and what the marginals predict, and the worst frame and drawing."""
+    """One line with the measures behind the headline: IoU, σ of depth, and the worst frame and element."""
     worst = quality.elements[quality.worst_element]
     return (
         f"{_accepted(quality)}; {_prediction(quality)}. "
         f"Worst frame {scene.frame_of(quality.worst_frame).name} ({figure(quality.frames[quality.worst_frame], 3)}), "
-        f"worst element {worst_drawing(scene, layout, quality)} ({figure(worst.iou, 3)})."
+        f"worst element {worst_element_name(scene, layout, quality)} ({figure(worst.iou, 3)})."
     )
 
 
-def worst_drawing(scene: Scene, layout: Layout, quality: Quality) -> str:
-    """The instance, and the annotator's id of its drawing with the frame."""
-    return drawing(scene, layout.instances, quality.elements[quality.worst_element])
+def worst_element_name(scene: Scene, layout: Layout, quality: Quality) -> str:
+    """The instance, the annotator's id of the element and its frame."""
+    return element_name(scene, layout.instances, quality.elements[quality.worst_element])
 
 
 def markdown(layout: Layout, quality: Quality) -> str:
-    """Headline and table of elements as Markdown."""
+    """Headline and table of instances as Markdown."""
     first, *others = quality.headline.reasons
     lines = [
         f"**{quality.headline.word}**: {first}",
@@ -131,7 +131,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
         if depth.within_5cm is not None and depth.within_10cm is not None:
             within = f"{percent(depth.within_5cm, 1)}, {percent(depth.within_10cm, 1)}"
             table.add_row("pixels within 5 and 10 cm", within)
-        table.add_row("… pixels (and without a surface)", f"{depth.pixels} ({depth.missing})")
+        table.add_row("… pixels (and without an instance)", f"{depth.pixels} ({depth.missing})")
         for name, mean, pixels in depth.by_instance:
             table.add_row(f"  {name}", f"{figure(mean, 4, unit)} on {pixels} px")
     for plane in evaluation.planes:
@@ -147,7 +147,7 @@ def evaluation_table(evaluation: Evaluation) -> Table:
             "elements on the right instance", f"{evaluation.elements_on_right_instance} of {evaluation.elements}"
         )
     table.add_row(
-        "precision and recall of elements", f"{figure(evaluation.precision, 3)}, {figure(evaluation.recall, 3)}"
+        "precision and recall of instances", f"{figure(evaluation.precision, 3)}, {figure(evaluation.recall, 3)}"
     )
     if evaluation.wrong:
         table.add_row("… instances that are not right", ", ".join(evaluation.wrong))

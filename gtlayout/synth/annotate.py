@@ -57,8 +57,8 @@ def annotate(
 ) -> tuple[KeyFrame, dict[str, str]]:
     """Draw the room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
 
-    An element is drawn as far as other parts of the building do not hide it, through furniture; walls through the
-    doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps.
+    An element is drawn through furniture, as far as other parts of the building do not hide it. Walls are drawn through
+    the doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps.
     ``rng`` shuffles the ids.
     Returns the key frame and, for each element's id, the name of its surface.
     """

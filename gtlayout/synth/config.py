@@ -1,4 +1,4 @@
-"""What a synthetic scene is made of: every parameter, its unit, and its flag on the command line."""
+"""The parameters of a synthetic scene, with their units and flags on the command line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import RoomKind
 
 HFOV_DEG = 65.0
-"""When nobody says otherwise: a phone's video."""
+"""The default: that of a phone's video."""
 
 WORLD = Group.create_ordered("World")
 CAMERA = Group.create_ordered("Camera")
@@ -32,11 +32,11 @@ class SynthConfig:
     """One synthetic scene."""
 
     seed: Annotated[int, Parameter(validator=NotNegative)] = 0
-    """Everything random follows from it; the same seed gives the same bytes on one kind of processor."""
+    """Seed of all random numbers. The same seed gives the same bytes on one kind of processor."""
     camera_format: CameraFormat = "native"
     """How images and cameras are written; native = nerfstudio's transforms.json."""
     annotation_format: AnnotationFormat = "native"
-    """How annotations are written, with cameras of whatever format."""
+    """How annotations are written, with cameras of any format."""
     room: Annotated[RoomKind, Parameter(group=WORLD)] = "box"
     """Kind of floor plan or ceiling."""
     texture: Annotated[float, Parameter(group=WORLD, validator=Share)] = 1.0
@@ -62,13 +62,13 @@ class SynthConfig:
     exposure_sigma_ev: Annotated[float, Parameter(name="--exposure", group=IMAGES, validator=NotNegative)] = 0.0
     """σ of a smooth change of exposure over the video, stops."""
     oversample: Annotated[int, Parameter(group=IMAGES, validator=Positive)] = 2
-    """TriangulatedTracks per pixel and axis."""
+    """Rays per pixel and axis."""
     jpeg_quality: Annotated[int, Parameter(group=IMAGES, validator=Number(gte=1, lte=100))] = 92
     """1 to 100."""
     annotator: Annotated[AnnotatorErrors, Parameter(name="*", group=ANNOTATOR)] = field(default_factory=AnnotatorErrors)
-    """What the annotator does wrong."""
+    """The errors of the annotator."""
     camera_errors: Annotated[CameraErrors, Parameter(name="*", group=REPORTED)] = field(default_factory=CameraErrors)
-    """How far the written cameras are off."""
+    """The errors of the written cameras."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot be rendered."""

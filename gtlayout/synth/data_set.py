@@ -1,4 +1,4 @@
-"""Many synthetic rooms, each different: what each is made of, and making them all."""
+"""Many different synthetic rooms: the settings of each, and making them all."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gtlayout.version import __version__
 
 FORMAT = "gtlayout-data-set/1"
 FILE = "data_set.json"
-"""Says what the rooms beside it were made with, so that no others come among them."""
+"""The settings of the rooms beside it, so that no rooms with other settings are added."""
 CAMERA_KINDS: tuple[CameraKind, ...] = ("orbit", "dolly")
 """Not a camera that only turns: it shows no depth, so that there is no right answer."""
 
@@ -31,7 +31,7 @@ Part = TypeVar("Part", SynthConfig, AnnotatorErrors, CameraErrors)
 
 
 def varied(number: int, config: SynthConfig, given: Collection[str]) -> SynthConfig:
-    """What room ``number`` (from 0) of a data set is made of, whatever the other rooms are.
+    """The settings of room ``number`` (from 0) of a data set, which do not depend on the other rooms.
 
     Ten rooms in a row show each kind of room with each kind of camera path. Images, annotator and cameras each lie
     somewhere between the levels clean and poor, independently: a good film may be badly annotated. Each room has a seed
@@ -62,10 +62,10 @@ def make_data_set(
     processes: int,
     progress: Callable[[int, int], None],
 ) -> int:
-    """Make the rooms ``out/room_0000`` … as ``varied`` has them, but for those that are there; returns how many.
+    """Make the rooms ``out/room_0000`` … as ``varied`` describes them, except those that exist; returns how many.
 
-    ``progress`` is told (rooms done, rooms in all). Raises GtlayoutError when ``out`` holds something else, or rooms
-    made with other settings, and when ``synthesize`` does.
+    ``progress`` is called with (rooms done, rooms in all). Raises GtlayoutError when ``out`` holds something else, or
+    rooms made with other settings, and when ``synthesize`` does.
     """
     if config.replay is not None:
         read_cameras(config.replay)  # while nothing is written yet
@@ -77,7 +77,7 @@ def make_data_set(
 def make_rooms(rooms: Mapping[Path, SynthConfig], processes: int, progress: Callable[[int, int], None]) -> int:
     """Make those of the rooms whose folder is not there or empty; returns how many, and raises as ``synthesize`` does.
 
-    ``progress`` is told (rooms done, rooms in all).
+    ``progress`` is called with (rooms done, rooms in all).
     """
     todo = [room for room in rooms.items() if not (room[0].is_dir() and any(room[0].iterdir()))]
     there = len(rooms) - len(todo)

@@ -1,4 +1,4 @@
-"""What goes wrong before a solver sees a scene: errors of the annotator's hand and of the cameras."""
+"""Errors in a scene before it is solved: of the annotator's hand and of the cameras."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CONFUSED: dict[Label, tuple[Label, ...]] = {
     "door": ("wall", "window"),
     "window": ("door", "wall"),
 }
-"""What a label is mistaken for."""
+"""The label that each label is mistaken for."""
 ON_LINE_PX = 0.05
 """Edges of neighbours count as one edge when they are no further apart."""
 ON_BORDER_PX = 1e-6
@@ -35,7 +35,7 @@ MIN_ANGLE_RCOND = 0.1
 """Edges that meet at less than about 11° have no useful intersection: their corner moves with their mean."""
 MIN_AREA_PX2 = 1.0
 DRIFT_FRAMES = 15
-"""The smooth part of camera errors turns about once in so many frames."""
+"""The smooth part of camera errors changes its direction about once in this many frames."""
 WHITE_SHARE = 0.1
 """Share of the camera errors' variance that is independent from frame to frame; the rest is smooth."""
 
@@ -45,7 +45,7 @@ Share = Number(gte=0, lte=1)
 
 @dataclass(frozen=True)
 class AnnotatorErrors:
-    """How the annotator's hand errs; zero is a perfect annotator. All errors are independent of one another."""
+    """Errors of the annotator's hand; zero is a perfect annotator. All errors are independent of one another."""
 
     corner_sigma_px: Annotated[float, Parameter(name="--corner-error-px", validator=NotNegative)] = 1.5
     """σ of a corner per axis; elements that share the corner stay together."""
@@ -82,11 +82,11 @@ class CameraErrors:
 
 
 def disturb(key_frame: KeyFrame, camera: Camera, errors: AnnotatorErrors, rng: np.random.Generator) -> KeyFrame:
-    """An exact annotation as an erring hand would have drawn it.
+    """An exact annotation with the errors of a hand.
 
     Corners on the image border slide along it. Polygons stay valid and within the image; one that the errors would
-    wipe out is left as it was. Ids are kept, so that what is known of an element by its id stays true; visible parts
-    are drawn inside an element's rim anyway and stay where they are.
+    wipe out is left as it was. Ids are kept, so that the truth about an element, by its id, stays valid. Visible parts
+    are drawn inside an element's border and are not moved.
     """
     corner, edge, swap, visible, missing, occlusion = rng.spawn(6)
     elements, lines = _moved(key_frame, camera, errors, corner, edge)

@@ -1,4 +1,4 @@
-"""What the camera makes of a scene: motion blur, exposure, noise."""
+"""Effects of the camera: motion blur, exposure, noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a room may be filmed and annotated: three levels, and anything between them."""
+"""The quality of film and annotation of a room: three levels, and anything between them."""
 
 from __future__ import annotations
 
@@ -33,4 +33,4 @@ POOR = replace(
     camera_errors=CameraErrors(rotation_sigma_deg=0.15, position_sigma_m=0.01),
 )
 LEVELS = {"clean": CLEAN, "typical": TYPICAL, "poor": POOR}
-"""A careful annotator and exact cameras; what one may hope for; what also comes in."""
+"""A careful annotator and exact cameras; ordinary input; bad input that also occurs."""

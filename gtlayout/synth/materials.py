@@ -1,4 +1,4 @@
-"""Materials of synthetic rooms: what each panel of a plan is painted with."""
+"""Materials of synthetic rooms: the texture of each panel of a plan."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from gtlayout.synth.surfaces import Box, Surface, lamp_light, make_surface
 from gtlayout.synth.textures import Painter, faded
 
 _POSTERS = 2
-"""As many hang on a wall if there is room …"""
+"""Number of posters on a wall, if there is room."""
 _POSTER_TRIES = 12
-"""… at one of so many places."""
+"""Number of places tried for each."""
 
 
 def paint_plan(plan: Plan, boxes: Sequence[Box], texture: float, rng: np.random.Generator) -> list[Surface]:

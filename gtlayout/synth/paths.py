@@ -30,9 +30,9 @@ MAX_ORBIT_DEG, MAX_ROTATION_DEG = 100.0, 80.0
 SWAY_M, SWAY_DEG = 0.02, 0.6
 """σ of the hand's unsteadiness about the path."""
 SWAY_FRAMES = 8
-"""… which turns about once in so many frames."""
+"""The unsteadiness changes its direction about once in this many frames."""
 GIMBAL_SHARE = 0.2
-"""How much of it is left when a gimbal holds the camera."""
+"""Share of the unsteadiness that is left with a gimbal."""
 
 ORBIT_RADII_M = np.arange(2.6, 0.5, -0.1)
 ORBIT_TURNS_DEG = tuple(sign * turn for turn in range(0, 91, 10) for sign in (-1, 1))

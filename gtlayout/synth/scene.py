@@ -52,7 +52,7 @@ def synthesize(
 
     Images, cameras, annotations, and the truth: ``gt_planes.json`` and, where the format knows depth, maps for the key
     frames of what is seen, furniture included. Images, depth and planes are of the true world, whatever errors the
-    written cameras have. ``progress`` is told (frames done, frames in all).
+    written cameras have. ``progress`` is called with (frames done, frames in all).
     Raises GtlayoutError when ``out`` is not an empty or new folder or cannot be written, and when the recorded path to
     replay cannot be read.
     """
@@ -65,7 +65,7 @@ def synthesize(
 
 
 def shoot(room: Room, config: SynthConfig) -> Shot:
-    """The camera's way through the room.
+    """The camera's path through the room.
 
     A replayed file lends its horizontal field of view and principal point, too, unless ``config`` has one; pixels are
     square. Raises GtlayoutError when the file cannot be read or the room has no place for the path.

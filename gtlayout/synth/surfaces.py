@@ -1,4 +1,4 @@
-"""What synthetic rooms are made of: planar textured polygons and furniture boxes under a lamp (metres, z up)."""
+"""The parts of synthetic rooms: planar textured polygons and furniture boxes under a lamp (metres, z up)."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Between stages 1 and 2, on demand: bundle adjustment of the cameras with the tracks, kept where it proves itself.
+"""Between stages 1 and 2, on demand: bundle adjustment of the cameras with the tracks, kept where it is better.
 
-Variables are a ``Pose3`` per frame with observations and a ``Point3`` per track. The given poses are priors: they hold
-the world frame and its scale, and what the tracks do not determine stays as it was.
+Variables are a ``Pose3`` per frame with observations and a ``Point3`` per track. The given poses are priors: they fix
+the world frame and its scale, and what the tracks do not determine does not change.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from gtlayout.tracking.triangulation import TriangulatedTracks, camera_path, rep
 
 @dataclass(frozen=True)
 class CameraReport:
-    """Whether the cameras were refined, and what spoke for or against it. NaN where it did not come to that."""
+    """Whether the cameras were refined, and the figures that decided it. NaN where they were not reached."""
 
     kept_because: str = ""
     """Why the given cameras stay; empty when they were refined."""
@@ -33,9 +33,9 @@ class CameraReport:
     shift: float = np.nan
     """Median shift of their centres, world unit."""
     given_px: float = np.nan
-    """Median reprojection error, with the given cameras, of tracks that the refinement did not see …"""
+    """Median reprojection error, with the given cameras, of tracks that the refinement did not use."""
     refined_px: float = np.nan
-    """… and with the cameras refined without them."""
+    """The same with the cameras that were refined without these tracks."""
 
     @property
     def refined(self) -> bool:
@@ -51,11 +51,11 @@ def refine_cameras(
     triangulation: TriangulationConfig,
     seed: int,
 ) -> tuple[Scene, CameraReport]:
-    """The scene with refined camera poses, or as it was when they do not prove themselves.
+    """The scene with refined camera poses, or unchanged when they are not clearly better.
 
-    The cameras are refined on a part of the tracks first. Only if the others, triangulated anew, then reproject clearly
-    better than with the given cameras is the refinement done again with all tracks and kept; in the same way they say
-    whether the given poses deserve less trust. Frames without a track keep their pose. ``rays`` are of the given
+    The cameras are refined on a part of the tracks first. If the others, triangulated again, reproject clearly
+    better than with the given cameras, the refinement is repeated with all tracks and kept. In the same way they decide
+    whether the given poses are trusted less. Frames without a track keep their pose. ``rays`` are of the given
     cameras; triangulate again afterwards. Deterministic in ``seed``.
     """
     if camera_path(scene) == 0.0 or rays.moved_share() < config.min_moved_share:

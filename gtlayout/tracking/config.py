@@ -1,4 +1,4 @@
-"""Tunables of stage 1."""
+"""Settings of stage 1."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ class TrackingConfig:
     spacing_px: float = 30.0
     """Mean spacing of the Sobol points on visible parts (paper 3.2)."""
     max_cells: int = 150
-    """Most Sobol points on an element. Images of 640x480 px need up to 121; in full HD 6,000 corners would be tracked
-    on a wall, of which a few hundred are used."""
+    """Most Sobol points on an element. Images of 640x480 px need up to 121. Without this limit 6,000 corners would be
+    tracked on a wall in full HD, of which a few hundred are used."""
     corners_per_cell: int = 8
-    """Corners tracked in the cell round each Sobol point, best first."""
+    """Corners tracked in the cell around each Sobol point, the best first."""
     corner_distance_px: float = 8.0
     """Minimum distance of two corners."""
     corner_quality: float = 0.002
-    """Weakest corner taken, as a share of the element's best."""
+    """Weakest corner that is used, as a share of the element's best."""
     corner_block_px: int = 9
     """Window of the corner measure."""
     border_px: float = 3.0
-    """Margin kept from the rim of a visible part and of the image."""
+    """Margin that points keep from the border of a visible part and of the image."""
     sigma_px: float = 1.0
     """Noise of a point with good texture: matching, camera and rolling-shutter errors together."""
     weak_texture: float = 1e-4
     """Smaller eigenvalue of the structure tensor (grey values in 0..1) at which image noise adds as much as a pixel."""
     max_frames: int = 20
-    """How far a point is followed each way."""
+    """Number of frames that a point is followed each way."""
     min_observations: int = 3
     """Shorter tracks are dropped."""
     window_px: int = 21
@@ -37,11 +37,11 @@ class TrackingConfig:
     levels: int = 3
     """Pyramid levels above the full image."""
     max_forward_backward_px: float = 0.7
-    """A point must come back to where it started."""
+    """Largest distance from its start to which a point may come back."""
     max_anchor_shift_px: float = 4.0
-    """Largest correction by the key frame's own patch."""
+    """Largest correction of a position by the key frame's own patch."""
     patch_px: int = 15
-    """Patch compared with the key frame's."""
+    """Size of the patch that is compared with the key frame's."""
     min_correlation: float = 0.85
     """Least normalised cross-correlation of the two."""
 
@@ -53,7 +53,7 @@ class TriangulationConfig:
     cauchy: float = 2.0
     """Robust scale, in σ of an observation."""
     depth_range_paths: tuple[float, float] = (0.002, 1000.0)
-    """Nearest and farthest depth that is looked at, in lengths of the camera's path."""
+    """Nearest and farthest depth that is tried, in lengths of the camera's path."""
     depth_range_medians: tuple[float, float] = (0.06, 12.0)
     """Nearest and farthest depth that a track keeps, in median depths of all tracks."""
 
@@ -67,15 +67,15 @@ class CameraRefinementConfig:
     sigma_position: float = 0.005
     """How far the given camera centres are trusted, along each axis."""
     looser: tuple[float, ...] = (4.0,)
-    """Factors on both, tried in turn where the tracks say that the given poses are worse than that."""
+    """Factors on both, tried in turn where the tracks show that the given poses are worse."""
     sigma_factor: float = 3.0
-    """An observation counts with so many of its σ: the errors of a track come from one patch and are no news each."""
+    """Factor on the σ of an observation: the errors of a track come from one patch, so they are not independent."""
     cauchy: float = 0.5
-    """Robust scale of an observation, in σ made so large."""
+    """Robust scale of an observation, in σ multiplied by ``sigma_factor``."""
     sigma_point_depths: float = 5.0
-    """Prior on a landmark round its start, in depths of it."""
+    """σ of a landmark's prior around its start, in depths of the landmark."""
     min_moved_share: float = 0.2
-    """Share of tracks that must show parallax; below it the camera hardly moves and there is nothing to go by."""
+    """Least share of tracks with parallax. Below it the camera hardly moves, and the cameras are not refined."""
     max_tracks: int = 2000
     """Random tracks that take part, held-out ones included."""
     max_observations: int = 20
@@ -85,10 +85,10 @@ class CameraRefinementConfig:
     relative_decrease: float = 2e-3
     """The solve ends when an iteration lowers the cost by less than this share."""
     held_out_share: float = 0.25
-    """Share of the tracks that the first refinement does not see and is judged by."""
+    """Share of the tracks that the first refinement does not use, and by which it is judged."""
     min_held_out: int = 20
-    """Fewer of them prove nothing."""
+    """Least number of such tracks. With fewer the given cameras are kept."""
     min_gain: float = 0.1
-    """Share by which their robust cost must fall; below it the given cameras stay."""
+    """Share by which their robust cost must fall. Below it the given cameras are kept."""
     min_gain_looser: float = 0.25
-    """Share by which it must fall once more for given poses to be trusted less."""
+    """Share by which it must fall further for the given poses to be trusted less."""

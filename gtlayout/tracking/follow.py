@@ -68,7 +68,7 @@ class _InverseDepth:
     def __init__(self, key_camera: Camera, points_px: FloatArray) -> None:
         self._center = key_camera.center_world
         self._rays = key_camera.rays_world(points_px)
-        # A point counts as infinitely far until it has moved by a pixel: noise without parallax predicts nothing.
+        # A point counts as infinitely far until it has moved by a pixel: noise without parallax is no prediction.
         self._numerator = np.zeros(len(points_px))
         self._denominator = np.zeros(len(points_px))
         self._moved_px = np.zeros(len(points_px))
@@ -81,7 +81,7 @@ class _InverseDepth:
         return homogeneous[:, :2] / homogeneous[:, 2:]
 
     def add(self, index: IntArray, camera: Camera, points_px: FloatArray) -> None:
-        """Take in where the points were seen."""
+        """Add positions at which the points were seen."""
         far = self._homogeneous(index, camera, np.zeros(len(index)))
         slope = camera.K @ (camera.R_cam_from_world @ self._center + camera.t_cam_from_world)
         b = points_px - far[:, :2] / far[:, 2:]

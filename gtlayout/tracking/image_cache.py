@@ -1,4 +1,4 @@
-"""The grey images that stage 1 looks at, each decoded once."""
+"""The grey images of stage 1, each decoded once."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ class ImageCache:
         """Of the images that were asked for."""
 
     def move_to(self, key: int) -> None:
-        """Hold only what is in reach of frame ``key``; key frames come in order, so the rest is done with.
+        """Hold only the frames in reach of frame ``key``. Key frames come in order, so the others are not needed again.
 
-        A video is decoded forward only: what tracking backward will ask for is read now.
+        A video is decoded forward only, so frames that tracking backward needs are read now.
         """
         first = key - self._reach
         self._images = {frame: image for frame, image in self._images.items() if frame >= first}

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gtlayout.scene import BoolArray, FloatArray, ImageArray
 
 _GRID_PER_PX = 1024.0
-"""Steps of a pixel in which OpenCV is told where points are: exact in its 32 bits, a hundredth of what it can tell."""
+"""Steps per pixel of the positions given to OpenCV: exact in its 32 bits, a hundredth of its precision."""
 
 
 class PairTracker(Protocol):

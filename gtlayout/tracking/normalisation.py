@@ -1,4 +1,4 @@
-"""A world of a room's size, whatever the unit of the cameras is."""
+"""A world of the size of a room, for any unit of the cameras."""
 
 from __future__ import annotations
 

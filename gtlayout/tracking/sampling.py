@@ -56,7 +56,7 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
 
 
 def texture_sigma_px(image: ImageArray, points_px: FloatArray, config: TrackingConfig) -> FloatArray:
-    """(N,) σ of a match at each point: what calibration leaves, and image noise over the weaker gradient of the
+    """(N,) σ of a match at each point: errors of calibration, and image noise over the weaker gradient of the
     patch.
     """
     strength = cv2.cornerMinEigenVal(image, config.corner_block_px)

@@ -1,4 +1,4 @@
-"""Point tracks: what stage 1 hands on."""
+"""Point tracks: the result of stage 1."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Tracks:
     sigma_px: FloatArray
     """(N,) noise to expect of a point's positions: weak texture is matched less well."""
     tried: tuple[IntArray, ...]
-    """Per key frame, (elements,) how many points were sampled on each element; few that survive mean a poor surface."""
+    """Per key frame, (elements,) how many points were sampled on each element. If few survive, it tracks badly."""
     unreadable: tuple[str, ...] = ()
     """Names of the images that could not be read and were stepped over."""
 
@@ -35,7 +35,7 @@ class Tracks:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What went wrong on the way, one line each."""
+        """Problems during tracking, one line each."""
         if not self.unreadable:
             return ()
         return (f"{len(self.unreadable)} unreadable image(s) skipped: {', '.join(self.unreadable)}",)

@@ -32,7 +32,7 @@ class TriangulatedTracks:
     """(N,) its σ for independent observations; large at low parallax."""
 
     parallax_sigmas: FloatArray
-    """(N,) how many σ the observations are from those of a point at infinity: below 3 the track knows no depth."""
+    """(N,) σ between the observations and those of a point at infinity: below 3 the depth is not determined."""
 
     def points_world(self) -> FloatArray:
         """(N, 3) the triangulated points."""
@@ -77,7 +77,7 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Tr
     gain = _cost(tracks, far, slope, np.zeros(len(rho)), scale_px, first) - _cost(
         tracks, far, slope, rho, scale_px, first
     )
-    # Where there is no parallax a depth is only known not to be small: how far away it ends must not matter.
+    # Without parallax it is only known that the depth is not small. The result must not depend on its upper limit.
     least, most = np.median(rho) / np.flip(config.depth_range_medians) if len(rho) else (0.0, np.inf)
     return TriangulatedTracks(
         center=center,

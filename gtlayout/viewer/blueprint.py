@@ -42,7 +42,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
         return rrb.Horizontal(left, right, column_shares=[3, 2], name=name)
 
     def table() -> rrb.TextDocumentView:
-        return rrb.TextDocumentView(origin="summary", name="Elements")
+        return rrb.TextDocumentView(origin="summary", name="Instances")
 
     return rrb.Blueprint(
         rrb.Tabs(
@@ -94,7 +94,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
                     rrb.TimeSeriesView(
                         origin="quality", contents="quality/iou", name="IoU by key frame (timeline: frame)"
                     ),
-                    rrb.TimeSeriesView(origin="quality", contents="quality/elements/**", name="… of each element"),
+                    rrb.TimeSeriesView(origin="quality", contents="quality/instances/**", name="IoU of each instance"),
                     table(),
                 ),
             ),

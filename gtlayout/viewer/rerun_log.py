@@ -1,6 +1,6 @@
 """Logs each stage to rerun. Import it only when a log is wanted: importing rerun takes most of a second.
 
-Timelines: ``frame`` (index in the video) and ``iteration`` (Levenberg-Marquardt). What has no time is static.
+Timelines: ``frame`` (index in the video) and ``iteration`` (Levenberg-Marquardt). Everything without a time is static.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from gtlayout.results.tables import markdown
 from gtlayout.scene import Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.viewer.blueprint import blueprint
-from gtlayout.viewer.surfaces import log_uncertainty, surface_of
+from gtlayout.viewer.meshes import log_uncertainty, mesh_of
 
 APPLICATION = "gtlayout"
 JPEG_QUALITY = 75
@@ -40,7 +40,7 @@ FRUSTUM_SHARE = 0.15
 _GREY = (130, 130, 130)
 _REFINED = (255, 230, 0)
 _NOTHING = 0
-"""Class of pixels without an element; instance i has class i + 1."""
+"""Class of pixels without an instance; instance i has class i + 1."""
 
 
 class RerunObserver(Observer):
@@ -177,7 +177,7 @@ class RerunObserver(Observer):
             record.log("solver/cost", rr.Scalars(iteration.cost))
             self._planes(patches, iteration.planes)
         record.reset_time()
-        # Who looks at frames sees the last iteration.
+        # On the frame timeline the last iteration is shown.
         record.set_time("frame", sequence=0)
         self._planes(patches, estimate.iterations[-1].planes)
         record.reset_time()
@@ -199,17 +199,17 @@ class RerunObserver(Observer):
                 self._recording.log(f"world/extents/{kind}/{instance.name}", strips, static=True)
 
     def mesh(self, mesh: Mesh) -> None:
-        """One surface an instance, and a blueprint that looks at the room."""
+        """One mesh per instance, and a blueprint that looks at the room."""
         for index, instance in enumerate(self._instances):
             faces = mesh.faces[mesh.face_instance == index]
             if len(faces):
-                shown = surface_of(mesh.vertices, faces, instance_colors(index))
+                shown = mesh_of(mesh.vertices, faces, instance_colors(index))
                 self._recording.log(f"world/mesh/{instance.name}", shown, static=True)
         if len(mesh.vertices):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
 
     def quality(self, layout: Layout, quality: Quality) -> None:
-        """Rendering against annotation, surfaces coloured by their uncertainty, the table of elements."""
+        """Rendering against annotation, instances coloured by their uncertainty, the table of instances."""
         for number, key_frame in enumerate(self._scene.key_frames):
             self._recording.set_time("frame", sequence=key_frame.frame)
             camera = self._scene.frame_of(number).camera
@@ -233,7 +233,7 @@ class RerunObserver(Observer):
         styles = {"iou": ((60, 60, 60), "mean")}
         for index, instance in enumerate(layout.instances):
             r, g, b = instance_colors(index).tolist()
-            styles[f"elements/{instance.name}"] = ((r, g, b), instance.name)
+            styles[f"instances/{instance.name}"] = ((r, g, b), instance.name)
         for name, (color, legend) in styles.items():
             line = rr.SeriesLines(colors=color, names=legend)
             dots = rr.SeriesPoints(colors=color, names=legend, marker_sizes=3.0)
@@ -244,7 +244,7 @@ class RerunObserver(Observer):
             for element in quality.elements:
                 if element.key_frame == number:
                     name = layout.instances[element.instance].name
-                    record.log(f"quality/elements/{name}", rr.Scalars(element.iou))
+                    record.log(f"quality/instances/{name}", rr.Scalars(element.iou))
 
 
 def _centers(scene: Scene) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Two runs of the same scenes: what got better, what got worse, and which settings differ."""
+"""Two runs of the same scenes: which are better, which are worse, and which settings differ."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from gtlayout.io.files import printable
 from gtlayout.report.data import flat
 
 SHOWN = 300
-"""Scenes listed of those that got better, and of those that got worse."""
+"""Most scenes listed of those that are better, and of those that are worse."""
 LEAST_IOU = 0.001
-"""Smaller changes of the IoU are none."""
+"""Smaller changes of the IoU do not count."""
 _STATUSES: tuple[Status, ...] = ("failed", "not accepted", "accepted")
 """The worst first."""
 _MEASURES = (
@@ -29,7 +29,7 @@ _MEASURES = (
 
 
 def comparison(run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
-    """What the template says of ``run`` against ``other``; scenes are joined by name."""
+    """The data for the template on ``run`` against ``other``. Scenes are matched by name."""
     both = [name for name in run.records if name in other.records]
     changes = [_change(run.records[name], other.records[name], run, other, page_dir) for name in both]
     worse = sorted((one for one in changes if one["order"] < (0, 0.0, 0.0)), key=lambda one: one["order"])
@@ -61,7 +61,7 @@ def comparison(run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
 
 
 def _change(here: Record, there: Record, run: Run, other: Run, page_dir: Path) -> dict[str, Any]:
-    """A scene in both. ``order`` is below zero where it got worse: by its headline, then its IoU, then its ε."""
+    """A scene in both. ``order`` is below zero where it is worse: by its headline, then its IoU, then its ε."""
     iou = _difference(here.iou, there.iou)
     depth = _difference(here.depth_error_median, there.depth_error_median)
     ranks = _ranks(here, there)

@@ -49,7 +49,7 @@ function rowOf(one) {
     figure("iou", one.iou, (value) => value.toFixed(3)),
     figure("sigma", one.sigma, (value) => `${(100 * value).toFixed(1)} %`),
     figure("error", one.depth_error, (value) => `${(100 * value).toFixed(1)} c${one.unit}`),
-    figure("weak", one.weak, (value) => `${value} of ${one.elements ?? "–"}`),
+    figure("weak", one.weak, (value) => `${value} of ${one.instances ?? "–"}`),
     words("redraw", one.redraw, one.redraw, ...redraw),
     words("why", one.reason, made("p", "", one.reason)),
     figure("time", one.seconds, (value) => `${value.toFixed(1)} s`),

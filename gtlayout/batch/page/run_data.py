@@ -1,4 +1,4 @@
-"""What the page of a run says: plain data out of its records. Names and reasons come from files and are only text."""
+"""The content of a run's page: plain data from its records. Names and reasons come from files and are only text."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from gtlayout.results.names import REPORT_FILE
 
 FAILURES: dict[Failure, str] = {
     "input": "cannot be solved as they are: send back, or repair the files",
-    "bug": "an exception nobody expected: report it with the log",
+    "bug": "an unexpected exception: report it with the log",
     "timeout": "not done in time; the next run tries again",
     "died": "the process died of a signal; the next run tries again",
     "memory": "took more memory than there was; the next run tries again",
     "worker": "the worker was lost again and again; the next run tries again",
 }
-"""In the order in which somebody should look at them."""
+"""In the order of importance."""
 Group = Literal["failed", "redo", "check", "trust"]
 GROUPS: tuple[Group, ...] = get_args(Group)
-"""Of scenes, worst first: those without a layout, and by the headline of the others."""
+"""Groups of scenes, the worst first: those without a layout, and the others by headline."""
 
 
 def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
@@ -78,7 +78,7 @@ def run_data(run: Run, page_dir: Path) -> dict[str, Any]:
 
 
 def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
-    """A scene as the tables have it: plain values, numbers with six digits, None where nothing is known."""
+    """A scene as a row of the table: plain values, numbers with six digits, None where not known."""
     weak, unobservable = number(record.weak), number(record.unobservable)
     return {
         "name": printable(record.scene),
@@ -91,7 +91,7 @@ def row(record: Record, run: Path, page_dir: Path) -> dict[str, Any]:
         "depth_error": _short(record.depth_error_median),
         "unit": "m" if record.metric else "u",
         "weak": None if weak is None else weak + (unobservable or 0),
-        "elements": number(record.elements),
+        "instances": number(record.instances),
         "redraw": printable(record.worst_element or ""),
         "redraw_iou": _short(record.worst_element_iou),
         "reason": reason(record),
@@ -112,7 +112,7 @@ def group(record: Record) -> Group:
 
 
 def _status(record: Record) -> str:
-    """What the IoU and the covariances say, in words; empty for failed scenes."""
+    """The verdicts of IoU and covariances as text; empty for failed scenes."""
     if record.status == "failed":
         return ""
     return record.status + (", doubtful" if record.predicted == "doubtful" else "")
@@ -138,7 +138,7 @@ def link(path: Path, page_dir: Path) -> str:
 
 
 def accept_iou(run: Run) -> float:
-    """From which IoU on this run accepted a scene."""
+    """The IoU from which on this run accepted a scene."""
     quality = run.config.get("quality")
     found = quality.get("accept_iou") if isinstance(quality, dict) else None
     return found if isinstance(found, float) else QualityConfig().accept_iou
@@ -171,7 +171,7 @@ def _short(value: float | None) -> float | None:
 
 
 def _distributions(records: Sequence[Record], accepted_from: float) -> list[dict[str, Any]]:
-    """One histogram a measure that is known of any scene."""
+    """One histogram per measure that is known for any scene."""
 
     def known(name: str, factor: float = 1.0) -> list[float]:
         found = (number(getattr(record, name)) for record in records)

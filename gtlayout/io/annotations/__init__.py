@@ -1,1 +1,1 @@
-"""Annotations from every tool they are drawn with: one reader a file."""
+"""Annotations from every known tool: one reader per file."""

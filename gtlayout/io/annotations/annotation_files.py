@@ -1,4 +1,4 @@
-"""Which annotation files lie in a scene folder, and of which tool: told by how they begin, not by their names."""
+"""Which annotation files lie in a scene folder, and of which tool: recognised by their content, not by their names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ AnnotationKind = Literal["native", "cvat", "coco", "labelme", "label-studio"]
 
 NATIVE_FILE = "annotations.json"
 HEAD_BYTES = 1 << 16
-"""Every format has said what it is by then."""
+"""Every format can be recognised within this length."""
 MAX_DEPTH = 2
 """LabelMe's files lie beside the images: in Polycam's scans in ``keyframes/corrected_images``."""
 JSON_SIGNS: tuple[tuple[AnnotationKind, str], ...] = (
@@ -59,7 +59,7 @@ def _kind(path: Path) -> AnnotationKind | None:
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES).decode("utf-8", errors="replace")
     except OSError:
-        return None  # Whoever reads the file will say so.
+        return None  # The reader of the file will report it.
     if path.suffix == ".xml":
         return "cvat" if "<annotations" in head else None
     meant: AnnotationKind | None = "native" if path.name == NATIVE_FILE else None

@@ -1,4 +1,4 @@
-"""Values out of an annotation tool's file, checked: wrong ones are told in words, none becomes something huge."""
+"""Values out of an annotation tool's file, checked: wrong ones become messages, and none becomes huge."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from gtlayout.io.files import printable
 from gtlayout.scene import FloatArray
 
 NO_OCCLUSION_EDGES = "no occlusion edges, so neighbours are taken to touch everywhere"
-"""What is told of formats without them."""
+"""The warning for formats without them."""
 MAX_PX = 1e6
-"""No image is that large: a coordinate beyond it is a slip."""
+"""No image is that large: a coordinate beyond it is an error."""
 MAX_NAME = 1000
 """Signs; longer ones are no names."""
 
 
 class UnusableError(Exception):
-    """A shape that cannot be used; says why, as what follows after "polygon skipped" or the like."""
+    """A shape that cannot be used; its text follows "polygon skipped" or the like."""
 
 
 @dataclass
 class Notes:
-    """What was left out or lost: each kind told once, with how often and where first."""
+    """What was left out or lost: one line per kind, with the number and the first place."""
 
     counts: Counter[str] = field(default_factory=Counter)
     first: dict[str, str] = field(default_factory=dict)

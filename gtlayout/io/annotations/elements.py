@@ -1,4 +1,4 @@
-"""From drawn shapes to elements: parts put together, visible parts given to their elements, overlaps decided."""
+"""From drawn shapes to elements: parts put together, visible parts given to their elements, overlaps resolved."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class DrawnVisible:
 
     region: MultiPolygon
     element: str | None
-    """Id of the element it was said to belong to."""
+    """Id of the element it is marked to belong to."""
     group: str | None
 
 
 def assemble(drawn: Sequence[DrawnElement], visible: Sequence[DrawnVisible]) -> tuple[tuple[Element, ...], list[str]]:
-    """The elements of one image, and what could not be done, a line each.
+    """The elements of one image, and the problems, one line each.
 
     Elements that share id and label, or group and label, become one. A visible part goes to the element it names,
-    else to the one of its group, or of all, that it overlaps most; if that is a tie, to the smallest. Where surfaces of
-    different ``z_order`` overlap, the lower one ends; doors and windows lie in their walls whatever theirs is.
+    else to the one of its group, or of all, that it overlaps most; if that is a tie, to the smallest. Where elements of
+    different ``z_order`` overlap, the lower one ends. Doors and windows lie in their walls, whatever their order is.
     Elements without a name of their own are called ``wall_1`` and so on.
     """
     whole = _put_together(drawn)
@@ -61,7 +61,7 @@ def assemble(drawn: Sequence[DrawnElement], visible: Sequence[DrawnVisible]) -> 
     for element, name, parts in zip(whole, names, seen, strict=True):
         amodal = _not_behind(element, whole)
         if amodal.is_empty:
-            notes.append(f"element {name}: nothing of it is left before surfaces with a higher z-order, dropped")
+            notes.append(f"element {name}: elements with a higher z-order cover all of it, dropped")
             continue
         elements.append(Element(name, element.label, amodal, _union(parts)))
     return tuple(elements), notes

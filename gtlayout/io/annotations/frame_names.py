@@ -1,4 +1,4 @@
-"""Which frame an annotated image is: tools call it by its path, its name, its stem or its number."""
+"""Which frame an annotated image is. Tools identify it by its path, its name, its stem or its number."""
 
 from __future__ import annotations
 

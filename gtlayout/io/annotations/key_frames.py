@@ -1,4 +1,4 @@
-"""From annotations as drawn to key frames: labels understood, images found among the frames, elements put together."""
+"""From annotations as drawn to key frames: labels are interpreted, images are found, elements are put together."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _key_frame(
             if shape.polygons:
                 repairs.lines.append(f"{where}: an occlusion edge is a polyline, the polygon was dropped")
         elif kind != "ignored" and not shape.polygons and shape.lines:
-            repairs.lines.append(f"{where}: a polyline is no surface, dropped")
+            repairs.lines.append(f"{where}: a polyline encloses no area, dropped")
         elif kind == "visible":
             part = region(shape.polygons, view, f"{where}, visible part", repairs)
             if not part.is_empty:
@@ -126,5 +126,5 @@ def _resized(file: str, views: Sequence[View]) -> str:
     (width, height), (file_width, file_height) = views[0].annotated_size, views[0].file_size
     return (
         f"{file}: {len(views)} images were annotated in another size, first {views[0].name} at {width}x{height} px "
-        f"instead of {file_width}x{file_height}: drawings were scaled"
+        f"instead of {file_width}x{file_height}: their shapes were scaled"
     )

@@ -1,4 +1,4 @@
-"""What the labels of an annotation tool mean here."""
+"""The meaning of an annotation tool's labels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gtlayout.scene import LABELS, Label
 
 FILE_NAME = "labels.json"
 Kind = Label | Literal["visible", "occlusion_edge", "ignored"]
-"""A structural element, a visible part of one, an edge along which neighbours do not touch, or nothing of ours."""
+"""A structural element, a visible part of one, an edge along which neighbours do not touch, or ignored."""
 KINDS: tuple[Kind, ...] = (*LABELS, "visible", "occlusion_edge", "ignored")
 SYNONYMS: dict[str, Kind] = {
     "ground": "floor",
@@ -50,7 +50,7 @@ def simple_form(label: str) -> str:
 
 
 def read_label_file(path: Path) -> Mapping[str, Kind]:
-    """Read ``labels.json``, ``{"<a label of the tool>": "wall" | … | null}``; null = ignore it without a word.
+    """Read ``labels.json``, ``{"<a label of the tool>": "wall" | … | null}``; null = ignore it without a warning.
 
     No file, no labels. Raises GtlayoutError when it holds something else.
     """

@@ -14,7 +14,7 @@ from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.scene import FloatArray, Frame
 
 OVERHANG_PX = 1.0
-"""A vertex up to this far off the image is rounding, and clipped without a word."""
+"""A vertex up to this far off the image is rounding, and clipped without a warning."""
 MIN_AREA_PX2 = 1.0
 """Pieces smaller than a pixel are left-overs of repair and clipping."""
 
@@ -23,7 +23,7 @@ NOTHING = MultiPolygon()
 
 @dataclass
 class Repairs:
-    """What was repaired or left out: a line each."""
+    """What was repaired or left out, one line each."""
 
     lines: list[str] = field(default_factory=list)
     overhanging: int = 0
@@ -64,7 +64,7 @@ class View:
 
 
 def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repairs) -> MultiPolygon:
-    """The union of (N, 2) outlines, in the pinhole image; ``where`` begins what is told of them."""
+    """The union of (N, 2) outlines, in the pinhole image; ``where`` begins the messages about them."""
     pieces = [_polygon(view.to_file(points_px), view, where, repairs) for points_px in polygons]
     return united([piece for piece in pieces if not piece.is_empty])
 

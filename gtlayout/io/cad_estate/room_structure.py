@@ -28,7 +28,7 @@ MAX_BYTES = 1 << 28
 DAMAGED = (ValueError, TypeError, AttributeError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
 """What zipfile and NumPy raise when a file is cut off, garbled, encrypted, or claims to hold more than there is."""
 WINDOW_FLAG, DOOR_FLAG = 1, 2
-"""Doors and windows are no elements of their own there: their triangles belong to the wall they lie in."""
+"""Doors and windows are not separate there: their triangles belong to the wall they lie in."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Cameras from every form in which people have them: one reader a file."""
+"""Cameras from every known format: one reader per file."""

@@ -1,4 +1,4 @@
-"""From posed images, in whatever lens, to frames with pinhole cameras in video order."""
+"""From posed images, with any lens, to frames with pinhole cameras in video order."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from gtlayout.io.sources import PosedImage
 from gtlayout.scene import Camera, Frame
 
 MIN_FRAMES = 3
-"""Two views of a surface cannot contradict each other, so nothing would tell a good track from a bad one."""
+"""Two views of a point cannot contradict each other, so good and bad tracks could not be distinguished."""
 MAX_POSITION = 1e9
 """In any unit; beyond it, a number is damage."""
 

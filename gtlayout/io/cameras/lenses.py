@@ -1,4 +1,4 @@
-"""Intrinsics as files hold them, which may be anything, become a camera here."""
+"""Cameras from the intrinsics in files, which are checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.registration import Pinhole
 
 MAX_SIDE_PX = 1 << 16
-"""No image is larger (JPEG's limit); a file that says so must not make us allocate it."""
+"""No image is larger (JPEG's limit); a file that states one must not make us allocate it."""
 FOCAL_SHARES = (1e-3, 1e3)
 """Of the image's longer side: from any fisheye to any telescope."""
 MAX_PARAMETER = 1e9

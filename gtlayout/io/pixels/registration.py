@@ -37,7 +37,7 @@ class Registration:
         """(H, W) of the source → (H, W) of the target, 0 where the source does not reach.
 
         Between four pixels of one surface the inverse depth is interpolated, which is exact on planes; elsewhere the
-        nearest pixel is taken, since a mean over a depth edge would be a surface that is not there.
+        nearest pixel is taken, since a mean over a depth edge would be a depth that does not exist.
         Raises GtlayoutError on another size.
         """
         source, target = self.source, self.target

@@ -1,4 +1,4 @@
-"""Drawings as they come wrong: shifted, jittered, mislabelled, left out, of another time.
+"""Elements with errors: shifted, jittered, mislabelled, left out, of another time.
 
 Which element and which frame is chosen by rule, not at random: the middle key frame and what is largest there.
 """

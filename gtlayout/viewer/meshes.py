@@ -1,4 +1,4 @@
-"""Surfaces for the rerun viewer: plain ones, and how far each may be off."""
+"""Meshes for the rerun viewer: plain ones, and the uncertainty of each."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, IntArray, Scene
 
 SIGMA_STEP_SHARE = 0.05
-"""Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a surface."""
+"""Longest edge of the triangles that σ is drawn with, as a share of the mesh's size: σ is not linear on a plane."""
 SHEET_OPACITY = 110
-"""Of 255: the surface shows through the sheets in front of it."""
+"""Of 255: the mesh shows through the sheets in front of it."""
 LABEL_AT = 0.2
 """Where along its line a dimension is written."""
 _DIMENSION = (200, 30, 120)
 """Readable on light and dark."""
 
 
-def surface_of(vertices: FloatArray, faces: IntArray, colors: Colors, opacity: int = 255) -> rr.Mesh3D:
-    """Of one colour (3,) or one a vertex (N, 3). Seen from the room's inside only, so that a view from outside looks
-    into the room.
+def mesh_of(vertices: FloatArray, faces: IntArray, colors: Colors, opacity: int = 255) -> rr.Mesh3D:
+    """One mesh, in one colour (3,) or one per vertex (N, 3). It is seen from the room's inside only, so that a view
+    from outside looks into the room.
     """
     single = colors if colors.ndim == 1 else np.full(3, 255, dtype=np.uint8)
     return rr.Mesh3D(
@@ -37,7 +37,7 @@ def surface_of(vertices: FloatArray, faces: IntArray, colors: Colors, opacity: i
 
 
 def log_uncertainty(recording: rr.RecordingStream, scene: Scene, layout: Layout) -> None:
-    """Each surface coloured by its own σ along its normal, translucent copies of it one σ to either side, and the
+    """Each instance coloured by its own σ along its normal, translucent copies of it one σ to either side, and the
     dimensions.
     """
     mesh = layout.triangles
@@ -50,11 +50,11 @@ def log_uncertainty(recording: rr.RecordingStream, scene: Scene, layout: Layout)
         vertices, faces = trimesh.remesh.subdivide_to_size(mesh.vertices, faces, step, max_iter=20)
         sigma = plane.sigma_offset(vertices)
         colors = sigma_colors(sigma / full)
-        recording.log(f"world/uncertainty/{instance.name}", surface_of(vertices, faces, colors), static=True)
+        recording.log(f"world/uncertainty/{instance.name}", mesh_of(vertices, faces, colors), static=True)
         if not np.isfinite(sigma).all():
             continue  # it may be anywhere
         for side, sign in (("towards", 1.0), ("away", -1.0)):
-            sheet = surface_of(vertices + sign * sigma[:, None] * plane.normal, faces, colors, SHEET_OPACITY)
+            sheet = mesh_of(vertices + sign * sigma[:, None] * plane.normal, faces, colors, SHEET_OPACITY)
             recording.log(f"world/sheets/{side}/{instance.name}", sheet, static=True)
     unit = " m" if layout.metric else " units"
     ends = np.array([dimension.ends_world for dimension in layout.dimensions]).reshape(-1, 2, 3)

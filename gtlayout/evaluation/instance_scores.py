@@ -1,4 +1,4 @@
-"""Which elements were found: instances against true planes, or against the annotations where no truth is known."""
+"""Which instances are right: against true planes, or against the elements where no truth is known."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from gtlayout.scene import FloatArray
 
 MAX_NORMAL_DEG = 9.0
 MIN_EXTENT_IOU = 0.9
-"""An element is found when its normal is right within 10 % of a right angle and its extent within 10 %: what the
-paper's inspectors judged by eye."""
+"""An instance is right when its normal is right within 10 % of a right angle and its extent within 10 %. The paper's
+inspectors judged this by eye."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class PlaneError:
     offset: float
     """Distance of the true plane from the centroid of the instance's extent, world unit."""
     sigma_normal_deg: float
-    """What the layout says of the first …"""
+    """The predicted σ of ``normal_deg``."""
     sigma_offset: float
-    """… and of the second."""
+    """The predicted σ of ``offset``."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """Share of the instances that are right, and of the elements that were found."""
+    """Share of the instances that are right, and share of the truth that is found."""
 
     precision: float
     recall: float
@@ -58,7 +58,7 @@ def match_instances(layout: Layout, truth: Truth) -> dict[str, int]:
 
 
 def plane_error(layout: Layout, index: int, name: str, true: TruePlane) -> PlaneError:
-    """How far instance number ``index`` is from the true plane ``name``, beside how far it says it may be."""
+    """The errors of instance number ``index`` against the true plane ``name``, with their predicted σ."""
     plane = layout.planes[index]
     centroid = centroid_world(layout.extents[index])
     return PlaneError(
@@ -82,8 +82,8 @@ def centroid_world(extent: Extent) -> FloatArray:
 def found_in_truth(layout: Layout, quality: Quality, truth: Truth, match: Mapping[str, int]) -> Found:
     """Precision over instances, recall over the true planes that the annotations show.
 
-    A true plane whose normal is not known asks only for its extent; one whose extent is not known asks for an IoU with
-    the annotations.
+    Where the normal of a true plane is not known, only its extent is compared. Where its extent is not known, the IoU
+    with the elements is used instead.
     """
     shown = set(truth.elements.values())
     right = [name for name, i in match.items() if name in shown and _is_right(layout, quality, i, truth.planes[name])]
@@ -95,7 +95,7 @@ def found_in_truth(layout: Layout, quality: Quality, truth: Truth, match: Mappin
 
 
 def found_in_annotations(layout: Layout, quality: Quality) -> Found:
-    """Precision over instances by their mean IoU, recall over all annotated elements by theirs."""
+    """Precision over instances by their mean IoU, recall over all elements by theirs."""
     right = [
         instance.name
         for instance, judged in zip(layout.instances, quality.instances, strict=True)
