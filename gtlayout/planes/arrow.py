@@ -71,11 +71,11 @@ class Elimination:
 def eliminate(tree: Tree, information: Blocks) -> Elimination:
     """Schur complements: leaves first, then branches, which each leaf joins to its root."""
     above = np.concatenate([information.leaf_root, information.leaf_branch], axis=2)
-    leaf_covariance = np.linalg.inv(information.leaf)
+    leaf_covariance: FloatArray = np.asarray(np.linalg.inv(information.leaf))
     leaf_by = leaf_covariance @ above
     # (T, 6, 6) what the leaves of a branch take away from its root and itself.
     taken = summed(_transposed(above) @ leaf_by, tree.branch, len(tree.root))
-    branch_covariance = np.linalg.inv(information.branch - taken[:, 3:, 3:])
+    branch_covariance: FloatArray = np.asarray(np.linalg.inv(information.branch - taken[:, 3:, 3:]))
     branch_by = -branch_covariance @ taken[:, 3:, :3]
     root = information.root.copy()
     by_blocks(root)[tree.root, :, tree.root] -= taken[:, :3, :3] - taken[:, :3, 3:] @ branch_by
@@ -90,7 +90,7 @@ def solve(elimination: Elimination, gradient: FloatArray) -> FloatArray:
     branch = branch - passed[:, 3:]
     root = root.copy()
     root[tree.root] -= passed[:, :3] + _apply(_transposed(elimination.branch_by), branch)
-    roots = np.linalg.solve(elimination.root, root.ravel()).reshape(-1, 3)
+    roots: FloatArray = np.asarray(np.linalg.solve(elimination.root, root.ravel())).reshape(-1, 3)
     of_root = roots[tree.root]
     branches = _apply(elimination.branch_covariance, branch) - _apply(elimination.branch_by, of_root)
     above = np.concatenate([of_root, branches], axis=1)[tree.branch]
@@ -101,7 +101,7 @@ def solve(elimination: Elimination, gradient: FloatArray) -> FloatArray:
 def inverse(elimination: Elimination) -> Blocks:
     """The blocks of the covariance, from the roots to the leaves."""
     tree, by = elimination.tree, elimination.branch_by
-    root = np.linalg.inv(elimination.root)
+    root: FloatArray = np.asarray(np.linalg.inv(elimination.root))
     of_root = by_blocks(root)[tree.root, :, tree.root]
     branch_root = -by @ of_root
     branch = elimination.branch_covariance - branch_root @ _transposed(by)

@@ -32,12 +32,11 @@ class Rows:
 
     def information(self, weight: FloatArray) -> Blocks:
         """Sums of the rows' outer products, with (R,) weights."""
-        weighted = weight[:, None, None] * self.jacobian
-        own = (weighted[..., None] * self.jacobian[..., None, :]).reshape(-1, 3, 3)
-        diagonal = summed(own, self.unknown.ravel(), len(self.tree))
+        first, second = self._columns
+        of_first = summed(_outer(weight * first, first), self.unknown[:, 0], len(self.tree))
+        diagonal = of_first + summed(_outer(weight * second, second), self.unknown[:, 1], len(self.tree))
         # Rows of the second unknown, which is the leaf where there is one.
-        across = weighted[:, 1, :, None] * self.jacobian[:, 0, None, :]
-        joined = summed(across, self._joint, self._joints)
+        joined = summed(_outer(weight * second, first), self._joint, self._joints)
         roots, branches, leaves = self._counts
         of_roots, leaf_root, leaf_branch = np.split(joined, [roots**2, roots**2 + leaves])
         of_roots = of_roots.reshape(roots, roots, 3, 3).transpose(0, 2, 1, 3)
@@ -63,6 +62,11 @@ class Rows:
         """The rows that (R,) ``kept`` says; none of the unknowns is left out."""
         return Rows(self.tree, self.unknown[kept], self.jacobian[kept])
 
+    @cached_property
+    def _columns(self) -> FloatArray:
+        """(2, 3, R) the jacobian, laid out for sums over the rows."""
+        return np.ascontiguousarray(self.jacobian.transpose(1, 2, 0))
+
     @property
     def _counts(self) -> tuple[int, int, int]:
         return self.tree.roots, len(self.tree.root), len(self.tree.branch)
@@ -81,6 +85,11 @@ class Rows:
         joint = np.where(leaf < 0, second * roots + first, roots**2 + leaf + leaves * (first >= roots))
         # A row of one unknown joins none: its second derivative is zero wherever it is put.
         return np.where(first == second, 0, joint)
+
+
+def _outer(left: FloatArray, right: FloatArray) -> FloatArray:
+    """(R, 3, 3) outer products of (3, R) vectors."""
+    return (left[:, None] * right).transpose(2, 0, 1)
 
 
 def _form(left: FloatArray, blocks: FloatArray, right: FloatArray) -> FloatArray:

@@ -71,13 +71,13 @@ def _add_tracks(
     shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
     system.add_branch(S(s), point, P(s))
     system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SHARED_DEPTH)
-    key_frame = evidence.track_key_frame[index]
-    for k in np.unique(key_frame).tolist():
-        here = key_frame == k
+    _, group = np.unique(evidence.track_key_frame[index], return_inverse=True)
+    biases = np.hypot(expected.relative_depth, expected.of_track * _medians(raw, group)) / trust
+    for number, bias in enumerate(biases.tolist()):
+        here = group == number
         key = B(len(system.leaves))
-        bias = np.hypot(expected.relative_depth, expected.of_track * np.median(raw[here]))
         system.add_leaf(key, point, S(s))
-        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias / trust))], SHARED_DEPTH)
+        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias))], SHARED_DEPTH)
         members, per_depth = index[here], 1 / depth[here]
         factor = biased_depth_factor(
             (P(s), key),
@@ -94,3 +94,10 @@ def _over_plane(points: FloatArray, plane: FloatArray) -> FloatArray:
     """(n, 2) where points lie on a plane, from their middle, in units of their spread."""
     uv = (points - np.median(points, axis=0)) @ gtsam.Unit3(plane[:3]).basis()
     return uv / max(float(np.sqrt(np.mean(np.sum(uv**2, axis=1)))), 1e-9)
+
+
+def _medians(values: FloatArray, group: IntArray) -> FloatArray:
+    """(G,) median of the (n,) values in each of G groups, none of them empty."""
+    ordered, size = values[np.lexsort((values, group))], np.bincount(group)
+    first = np.cumsum(size) - size
+    return (ordered[first + (size - 1) // 2] + ordered[first + size // 2]) / 2
