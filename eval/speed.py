@@ -29,12 +29,13 @@ from gtlayout.method import solve
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimation import optimise
 from gtlayout.planes.evidence import gather
+from gtlayout.planes.uncertainty import error_scales, plane_uncertainty
 from gtlayout.prepared.measurements import Measurements, Prepared
 from gtlayout.solution import Solution
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.triangulation import triangulate
 from simulated import simulation
-from simulated.simulated_room import make_room, prism_faces, ring
+from simulated.simulated_room import Room, look_at, make_room, prism_faces, ring
 
 CHILD_USAGE = Path(__file__).parent / "common/child_usage.py"
 MIB = 1 << 20
@@ -64,6 +65,9 @@ GROWTH = {
     "1,500 tracks, 20,000 observations, 6 planes": replace(BASE, tracks=1500, reach=9),
 }
 """The last one has a limit: its graph, 0.6 s on two cores."""
+KEY_FRAMES = (15, 30, 60)
+"""Of the rooms that ``marginals`` are timed on. The last one has a limit: its marginals, 1 s on one core."""
+WIDE = np.array([[170.0, 0, 320], [0, 170, 240], [0, 0, 1]])
 
 app = new_app("speed", __doc__)
 
@@ -104,7 +108,9 @@ def measure(
             scenes[f"{folder}/{name}"] = [*command, *solved, *time_estimation(prepared, repeats)]
             papers[f"{folder}/{name}"] = compare_with_paper(prepared, runs, repeats)
     growth = grown({name: time_estimation(simulated(size), repeats) for name, size in GROWTH.items()})
-    for name, rows, title in (("scenes", scenes, "scene"), ("paper", papers, "scene"), ("growth", growth, "simulated")):
+    marginals = grown({f"{count} key frames": time_marginals(count, repeats) for count in KEY_FRAMES})
+    tables = [("scenes", scenes, "scene"), ("paper", papers, "scene")]
+    for name, rows, title in (*tables, ("growth", growth, "simulated"), ("marginals", marginals, "simulated")):
         write_tables(out, name, rows, title)
         print((out / f"{name}.md").read_text(encoding="utf-8"))
     print(f"Results: {out}")
@@ -173,6 +179,45 @@ def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
         Metric("start", min(starts), "s", False),
         Metric("graph", min(graphs), "s", False),
     ]
+
+
+def time_marginals(key_frames: int, repeats: int) -> list[Metric]:
+    """Shortest times of the scales of the errors and of the planes' covariance, both at the true planes.
+
+    The room has 24 surfaces, all of them drawn in each key frame and with 20 tracks there.
+    """
+    config, room = replace(Config().estimation, max_tracks=20 * key_frames), seen_from_above(key_frames)
+    tracks = simulation.make_tracks(room, np.random.default_rng(0), per_element=20, reach=10)
+    measured = simulation.measurements(room, tracks)
+    local = Normalisation.of(measured.rays)
+    evidence = gather(measured, local, config)
+    planes = room.planes.copy()
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
+    scales, marginals = [], []
+    for _ in range(repeats):
+        begin = time.perf_counter()
+        error_scales(tracks, evidence, planes, config)
+        between = time.perf_counter()
+        plane_uncertainty(tracks, evidence, planes, config)
+        marginals.append(time.perf_counter() - between)
+        scales.append(between - begin)
+    return [
+        Metric("tracks", len(tracks), "", None),
+        Metric("planes", len(planes), "", None),
+        Metric("drawings", sum(len(instance.members) for instance in room.instances), "", None),
+        Metric("edges", len(evidence.edges), "", None),
+        Metric("scales", min(scales), "s", False),
+        Metric("marginals", min(marginals), "s", False),
+    ]
+
+
+def seen_from_above(key_frames: int) -> Room:
+    """A prism of 22 walls, floor and ceiling, seen by a wide lens that goes round above its middle."""
+    frames = 2 * key_frames
+    angle = 2 * np.pi * np.arange(frames) / frames
+    centers = np.column_stack([0.5 * np.cos(angle), 0.5 * np.sin(angle), np.full(frames, 5.5)])
+    cameras = [look_at(center, np.zeros(3), WIDE) for center in centers]
+    return make_room(cameras, list(range(0, frames, 2)), prism_faces(22), min_area_px=30.0)
 
 
 def compare_with_paper(prepared: Prepared, runs: int, repeats: int) -> list[Metric]:

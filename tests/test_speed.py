@@ -34,6 +34,7 @@ def test_small_scenes_end_to_end(
     quick = adam.AdamConfig(max_iterations=20)
     monkeypatch.setattr(adam, "AdamConfig", lambda: quick)
     monkeypatch.setattr(speed, "GROWTH", {"1 ×": SMALL, "tracks 2 ×": replace(SMALL, tracks=120)})
+    monkeypatch.setattr(speed, "KEY_FRAMES", (6, 12))
     out = tmp_path / "out"
     assert speed.main([str(tiny), str(tmp_path / "rooms"), "--out", str(out), "--runs", "2", "--repeats", "1"]) == 0
     printed = capsys.readouterr()
@@ -55,6 +56,11 @@ def test_small_scenes_end_to_end(
     growth = {key: _values(of) for key, of in read_rows(out / "growth.json").items()}
     assert [of["tracks"] for of in growth.values()] == [60, 120]
     assert growth["1 ×"]["graph_ratio"] == growth["1 ×"]["start_ratio"] == 1
+    marginals = {key: _values(of) for key, of in read_rows(out / "marginals.json").items()}
+    assert [(of["planes"], of["drawings"], of["tracks"]) for of in marginals.values()] == [
+        (24, 24 * count, 20 * 24 * count) for count in (6, 12)
+    ]
+    assert min(of["scales"] + of["marginals"] for of in marginals.values()) > 0
     assert "| simulated | tracks | observations | planes | frames |" in printed.out
 
 

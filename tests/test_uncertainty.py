@@ -6,12 +6,14 @@ linearised at the truth, so that the step of the linear system is the error of a
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 import pytest
+from dense_rows import dense
 
 from common.consistency import coverage, nees
 from gtlayout.edges import ContactEdge
@@ -19,7 +21,7 @@ from gtlayout.instances import EvidenceKind
 from gtlayout.planes import uncertainty
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
 from gtlayout.planes.evidence import Evidence, gather
-from gtlayout.planes.linear_system import linearise
+from gtlayout.planes.linearisation import linearise
 from gtlayout.planes.starts import polish
 from gtlayout.planes.uncertainty import error_scales, plane_uncertainty
 from gtlayout.scene import FloatArray
@@ -140,7 +142,9 @@ def test_ellipsoids_hold_what_they_should(truth: Truth) -> None:
         evidence = drawn(truth, seed)
         linear = linearise(truth.tracks, evidence, truth.planes, np.arange(count), PLAIN)
         covariance, _, row_weight = uncertainty._scales(linear, PLAIN.uncertainty)
-        step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
+        jacobian = dense(linear.rows)
+        gradient = jacobian.T @ (row_weight * linear.target)
+        step = np.asarray(np.linalg.solve(jacobian.T @ (row_weight[:, None] * jacobian), gradient))
         planes = polish(evidence, truth.planes, PLAIN)
         for s in range(count):
             own = slice(3 * s, 3 * s + 3)
@@ -199,6 +203,27 @@ def test_covariances_are_of_planes_and_absent_ones_have_none(truth: Truth) -> No
         np.testing.assert_allclose(blocks[s, :3, s, :3] @ planes[s, :3], 0, atol=1e-12)
         assert np.linalg.matrix_rank(blocks[s, :, s], tol=1e-10) == 3
     assert found.dominant_evidence[1] == "" and "" not in np.delete(found.dominant_evidence, 1)
+
+
+def test_covariances_are_those_of_the_system_written_out(truth: Truth) -> None:
+    linear = linearise(truth.tracks, drawn(truth, 0), truth.planes, np.arange(len(truth.planes)), PLAIN)
+    covariance, _, row_weight = uncertainty._scales(linear, PLAIN.uncertainty)
+    jacobian = dense(linear.rows)
+    written = np.linalg.inv(jacobian.T @ (row_weight[:, None] * jacobian))[: len(covariance), : len(covariance)]
+    sigma = np.sqrt(np.diag(written))
+    np.testing.assert_allclose(covariance / np.outer(sigma, sigma), written / np.outer(sigma, sigma), atol=1e-10)
+
+
+def test_memory_grows_with_key_frames_and_not_with_their_square() -> None:
+    peaks = []
+    for count in (10, 20):
+        room = exact(make_room(orbit(), np.linspace(0, 20, count).round().astype(int).tolist()))
+        evidence = drawn(room, 0)
+        tracemalloc.start()
+        plane_uncertainty(room.tracks, evidence, room.planes, EstimationConfig())
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 2.2 * peaks[0]
 
 
 def test_the_same_evidence_gives_the_same_bytes(truth: Truth) -> None:

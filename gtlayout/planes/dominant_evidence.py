@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import gtsam
 import numpy as np
 
 from gtlayout.instances import EvidenceKind
-from gtlayout.planes.linear_system import EDGE, JOINT, SHARED_DEPTH, TRACK, LinearSystem
+from gtlayout.planes.arrow import eliminate, summed
+from gtlayout.planes.arrow_rows import Rows
+from gtlayout.planes.linear_system import EDGE, JOINT, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.views import Views
 from gtlayout.scene import FloatArray
 
@@ -16,6 +20,35 @@ _KNOWN = 0.5
 """A plane whose σ is more than this share of what priors alone leave is unknown."""
 _CLEARLY = 2.0
 """A plane rests on a weaker kind when its loss hurts this many times as much as that of the next stronger one."""
+
+
+@dataclass(frozen=True)
+class Joints:
+    """What measurements say of P planes, by the pairs that they join; a pair may be one plane twice."""
+
+    own: FloatArray
+    """(P, P, 3, 3) information on plane a, of what joins it with b."""
+    across: FloatArray
+    """(P, P, 3, 3) rows of plane a, columns of b."""
+
+    @staticmethod
+    def of(rows: Rows, weight: FloatArray) -> Joints:
+        """Sums over rows that touch planes only, with (R,) weights."""
+        planes = rows.tree.roots
+        pair = rows.unknown @ np.array([planes, 1])
+        # (R, 2, 3, 2, 3) of both planes of each row with both.
+        outer = np.einsum("r,rai,rbj->raibj", weight, rows.jacobian, rows.jacobian)
+        sums = summed(outer, pair, planes**2).reshape(planes, planes, 2, 3, 2, 3)
+        turned = sums.transpose(1, 0, 2, 3, 4, 5)
+        return Joints(sums[:, :, 0, :, 0] + turned[:, :, 1, :, 1], sums[:, :, 0, :, 1] + turned[:, :, 1, :, 0])
+
+    def information(self, without: int) -> FloatArray:
+        """(3P, 3P) of all planes; measurements of plane ``without`` are left out (-1: of none)."""
+        index = np.arange(len(self.own))
+        kept = (index != without).astype(float)
+        blocks = np.einsum("abij,a,b->aibj", self.across, kept, kept)
+        blocks[index, :, index] += np.einsum("abij,a,b->aij", self.own, kept, kept)
+        return blocks.reshape(3 * len(index), 3 * len(index))
 
 
 def offset_gradient(plane: FloatArray, views: Views) -> FloatArray:
@@ -32,24 +65,21 @@ def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: F
         row_weight: (R,) weights of the rows.
         by_offset: (P, 3) derivative of each plane's offset by its tangent.
     """
-    width = by_offset.size
-    family = np.repeat(linear.family, np.diff(np.append(linear.first, len(linear.target))))
-    rows = np.sqrt(row_weight)[:, None] * linear.jacobian
+    rows, family = linear.rows, np.repeat(linear.family, linear.size)
     tracked = np.isin(family, [TRACK, SHARED_DEPTH])
-    information = rows[tracked].T @ rows[tracked]
-    by_bias = information[:width, width:]
-    # Without the biases, the information of tracks is of one plane each: blocks on the diagonal.
-    tracks = information[:width, :width] - by_bias @ np.linalg.solve(information[width:, width:], by_bias.T)
-    others, other_family = rows[~tracked, :width], family[~tracked]
+    # Without its biases, what tracks say is of one plane each: blocks on the diagonal.
+    tracks = eliminate(rows.tree, rows.only(tracked).information(row_weight[tracked])).root
+    joints = {of: Joints.of(rows.only(family == of), row_weight[family == of]) for of in (EDGE, JOINT, PRIOR)}
 
     def sigmas(i: int, *dropped: int) -> FloatArray:
         """(2,) of the normal, radians, and of the offset, without these families' measurements of plane ``i``."""
         own = slice(3 * i, 3 * i + 3)
-        kept = others[~(np.isin(other_family, dropped) & others[:, own].any(axis=1))]
-        of_tracks = tracks.copy()
+        information = tracks.copy()
         if TRACK in dropped:
-            of_tracks[own] = 0.0
-        covariance = np.linalg.inv(of_tracks + kept.T @ kept)[own, own]
+            information[own] = 0.0
+        for of, joint in joints.items():
+            information += joint.information(i if of in dropped else -1)
+        covariance = np.linalg.solve(information, np.eye(len(information))[:, own])[own]
         offset = by_offset[i] @ covariance @ by_offset[i]
         return np.sqrt(np.array([np.linalg.eigvalsh(covariance[:2, :2])[-1], offset]))
 

@@ -1,20 +1,16 @@
-"""The whitened linear system of all planes, linearised at the optimum."""
+"""The whitened linear system of all planes: GTSAM's factors, linearised one by one, as rows that join two unknowns."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, P, S
 
-from gtlayout.factors import biased_depth_factor
-from gtlayout.planes.config import EstimationConfig
-from gtlayout.planes.evidence import Evidence
-from gtlayout.planes.structural_factors import edge_factors, joint_factors, plane_priors
+from gtlayout.planes.arrow import Tree
+from gtlayout.planes.arrow_rows import Rows
 from gtlayout.scene import FloatArray, IntArray
-from gtlayout.tracking.tracks import Tracks
 
 TRACK, SHARED_DEPTH, EDGE, JOINT, PRIOR = range(5)
 """Families of errors: the first three have a scale that is estimated, the others σ as configured; priors are not
@@ -24,107 +20,82 @@ measurements, so none of them can be wrong.
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """The whitened linear system at the solution: R rows, N unknowns of which the planes' tangents come first."""
+    """The whitened linear system at the solution: R rows of G measurements.
 
-    jacobian: FloatArray
-    """(R, N)."""
+    Unknowns, of three numbers each: the tangents of P planes are the roots; of each plane that has tracks the error
+    that all its key frames share is a branch, and the error in one key frame a leaf.
+    """
+
+    rows: Rows
     target: FloatArray
-    """(R,) what ``jacobian @ step`` should be."""
+    """(R,) what the rows' products with the unknowns should be."""
     family: IntArray
     """(G,) of each measurement."""
     first: IntArray
     """(G,) its first row: its rows are right or wrong together."""
 
+    @property
+    def size(self) -> IntArray:
+        """(G,) how many rows each measurement has."""
+        return np.diff(np.append(self.first, len(self.target)))
+
 
 @dataclass
-class _System:
-    """A graph in the making, with the family of each measurement."""
+class SystemBuilder:
+    """Linearises factors one by one, and numbers the unknowns when all are there."""
 
-    graph: gtsam.NonlinearFactorGraph = field(default_factory=gtsam.NonlinearFactorGraph)
     values: gtsam.Values = field(default_factory=gtsam.Values)
-    ordering: gtsam.Ordering = field(default_factory=gtsam.Ordering)
+    roots: list[int] = field(default_factory=list)
+    branches: dict[int, int] = field(default_factory=dict)
+    """The root of each."""
+    leaves: dict[int, int] = field(default_factory=dict)
+    """The branch of each."""
+    keys: list[tuple[int, int]] = field(default_factory=list)
+    """What each factor joins."""
+    jacobians: list[FloatArray] = field(default_factory=list)
+    """(m, 2, 3) each."""
+    targets: list[FloatArray] = field(default_factory=list)
+    """(m,) each."""
     family: list[int] = field(default_factory=list)
     size: list[int] = field(default_factory=list)
 
-    def insert(self, key: int, start: FloatArray) -> None:
+    def add_root(self, key: int, start: gtsam.OrientedPlane3) -> None:
+        """A plane."""
         self.values.insert(key, start)
-        self.ordering.push_back(key)
+        self.roots.append(key)
+
+    def add_branch(self, key: int, start: FloatArray, root: int) -> None:
+        """What all key frames of a plane share."""
+        self.values.insert(key, start)
+        self.branches[key] = root
+
+    def add_leaf(self, key: int, start: FloatArray, branch: int) -> None:
+        """What is of one key frame."""
+        self.values.insert(key, start)
+        self.leaves[key] = branch
 
     def add(self, factors: Iterable[gtsam.NonlinearFactor], family: int) -> None:
+        """Factors of one or two unknowns, the one nearer to the roots first."""
         for factor in factors:
-            self.graph.push_back(factor)
+            linear = factor.linearize(self.values)
+            keys, (jacobian, target) = linear.keys(), linear.jacobian()
+            by_unknowns = np.zeros((len(target), 6))
+            by_unknowns[:, : jacobian.shape[1]] = jacobian
+            self.keys.append((keys[0], keys[-1]))
+            self.jacobians.append(by_unknowns.reshape(-1, 2, 3))
+            self.targets.append(target)
             # Tracks fail one by one, though a factor holds many.
-            sizes = [1] * factor.dim() if family == TRACK else [factor.dim()]
+            sizes = [1] * len(target) if family == TRACK else [len(target)]
             self.size.extend(sizes)
             self.family.extend([family] * len(sizes))
 
-    def linearised(self) -> LinearSystem:
-        jacobian, target = self.graph.linearize(self.values).jacobian(self.ordering)
+    def build(self) -> LinearSystem:
+        """All that was added."""
+        number = {key: i for i, key in enumerate([*self.roots, *self.branches, *self.leaves])}
+        root = np.array([number[key] for key in self.branches.values()], dtype=np.int64)
+        branch = np.array([number[key] - len(self.roots) for key in self.leaves.values()], dtype=np.int64)
+        pairs = np.array([[number[key] for key in pair] for pair in self.keys], dtype=np.int64)
+        unknown = np.repeat(pairs, [len(target) for target in self.targets], axis=0)
+        rows = Rows(Tree(len(self.roots), root, branch), unknown, np.concatenate(self.jacobians))
         first = np.cumsum([0, *self.size[:-1]])
-        return LinearSystem(jacobian, target, np.array(self.family), first)
-
-
-def linearise(
-    tracks: Tracks, evidence: Evidence, planes: FloatArray, placed: IntArray, config: EstimationConfig
-) -> LinearSystem:
-    """Tracks without their landmarks, the biases of instances and key frames, and all that joins planes."""
-    system = _System()
-    for s in placed.tolist():
-        system.values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
-        system.ordering.push_back(P(s))
-    for s in placed.tolist():
-        _add_tracks(system, tracks, evidence, s, planes[s], config)
-    # The robust weights follow from the scales.
-    quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf, right_angle_cauchy=np.inf)
-    system.add(edge_factors(evidence, planes, quadratic), EDGE)
-    system.add(joint_factors(evidence, planes, quadratic), JOINT)
-    system.add(plane_priors(evidence, planes, config.sigma_prior_depths, config), PRIOR)
-    return system.linearised()
-
-
-def _add_tracks(
-    system: _System, tracks: Tracks, evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig
-) -> None:
-    """The tracks of instance ``s``, and the errors that they share."""
-    expected = config.uncertainty
-    index = np.nonzero((evidence.track_instance == s) & (evidence.track_weight > 0))[0]
-    points, depth = evidence.on_planes(index, plane)
-    index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
-    if len(index) == 0:
-        return
-    # Instances of which few points survive (mirrors, gloss) have larger errors.
-    trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.least_trust))
-    over = np.column_stack([np.ones(len(index)), _over_plane(points, plane)])
-    rays = evidence.rays
-    raw = rays.sigma_rho[index] * depth
-    # Observations of a track share errors, so it counts as no more than this many independent ones.
-    observations = np.bincount(tracks.track, minlength=len(tracks))[index]
-    sigma = raw * np.sqrt(np.maximum(observations / config.independent_observations, 1.0))
-    sigma = np.hypot(sigma, config.sigma_relief / np.median(depth))
-    point, isotropic = np.zeros(3), gtsam.noiseModel.Isotropic.Sigma
-    shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
-    system.insert(S(s), point)
-    system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SHARED_DEPTH)
-    key_frame = evidence.track_key_frame[index]
-    for k in np.unique(key_frame).tolist():
-        here = key_frame == k
-        key = B(s * len(tracks.tried) + k)
-        bias = np.hypot(expected.relative_depth, expected.of_track * np.median(raw[here]))
-        system.insert(key, point)
-        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias / trust))], SHARED_DEPTH)
-        members, per_depth = index[here], 1 / depth[here]
-        factor = biased_depth_factor(
-            (P(s), key),
-            rays.center[members],
-            rays.ray[members],
-            rays.rho[members],
-            over[here] * per_depth[:, None],
-            gtsam.noiseModel.Diagonal.Sigmas(sigma[here] * per_depth),
-        )
-        system.add([factor], TRACK)
-
-
-def _over_plane(points: FloatArray, plane: FloatArray) -> FloatArray:
-    """(n, 2) where points lie on a plane, from their middle, in units of their spread."""
-    uv = (points - np.median(points, axis=0)) @ gtsam.Unit3(plane[:3]).basis()
-    return uv / max(float(np.sqrt(np.mean(np.sum(uv**2, axis=1)))), 1e-9)
+        return LinearSystem(rows, np.concatenate(self.targets), np.array(self.family), first)

@@ -17,10 +17,12 @@ import gtsam
 import numpy as np
 
 from gtlayout.instances import EvidenceKind
+from gtlayout.planes.arrow import eliminate, inverse, solve
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
 from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
 from gtlayout.planes.evidence import Evidence
-from gtlayout.planes.linear_system import EDGE, PRIOR, SHARED_DEPTH, TRACK, LinearSystem, linearise
+from gtlayout.planes.linear_system import EDGE, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
+from gtlayout.planes.linearisation import linearise
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.tracks import Tracks
 
@@ -57,7 +59,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = linearise(tracks, evidence, planes, placed, config)
     covariance, _, row_weight = _scales(linear, config.uncertainty)
-    tangents = config.uncertainty.sigma_inflation**2 * covariance[: 3 * len(placed), : 3 * len(placed)]
+    tangents = config.uncertainty.sigma_inflation**2 * covariance
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
         to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
@@ -76,23 +78,22 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
 
 
 def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(N, N) covariance at the estimated scales, (5,) these scales by family, and the (R,) weights it was made with.
+    """(3P, 3P) covariance of the planes at the estimated scales, (5,) these scales by family, and the (R,) weights it
+    was made with.
 
     Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales. The
     scales are one update newer than the covariance and its weights.
     """
-    size = np.diff(np.append(linear.first, len(linear.target)))
+    rows, size = linear.rows, linear.size
     scale = np.ones(5)
     weight = np.ones(len(size))
-    covariance: FloatArray = np.eye(linear.jacobian.shape[1])
     for _ in range(config.rounds):
         row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
-        weighted = np.sqrt(row_weight)[:, None] * linear.jacobian
-        covariance = np.asarray(np.linalg.inv(weighted.T @ weighted))
-        step = covariance @ (linear.jacobian.T @ (row_weight * linear.target))
-        residual = linear.jacobian @ step - linear.target
+        elimination = eliminate(rows.tree, rows.information(row_weight))
+        covariance = inverse(elimination)
+        residual = rows.times(solve(elimination, rows.gradient(row_weight * linear.target))) - linear.target
         # Residuals are smaller than errors, because the unknowns absorb a part.
-        absorbed = np.sum((linear.jacobian @ covariance) * linear.jacobian, axis=1)
+        absorbed = rows.variances(covariance)
         error = np.add.reduceat(residual**2, linear.first)
         expected = error + np.add.reduceat(absorbed, linear.first)
         freedom = config.student_freedom
@@ -102,4 +103,4 @@ def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray
             own = linear.family == family
             measured = np.sum(weight[own] * expected[own]) + config.prior_measurements
             scale[family] = np.sqrt(measured / (np.sum(size[own]) + config.prior_measurements))
-    return covariance, scale, row_weight
+    return covariance.root, scale, row_weight

@@ -1,0 +1,103 @@
+"""What tracks, edges, right angles and priors say of all planes, linearised at the optimum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import B, P, S
+
+from gtlayout.factors import biased_depth_factor
+from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.linear_system import EDGE, JOINT, PRIOR, SHARED_DEPTH, TRACK, LinearSystem, SystemBuilder
+from gtlayout.planes.structural_factors import edge_factors, joint_factors, plane_priors
+from gtlayout.scene import FloatArray, IntArray
+from gtlayout.tracking.tracks import Tracks
+
+
+def linearise(
+    tracks: Tracks, evidence: Evidence, planes: FloatArray, placed: IntArray, config: EstimationConfig
+) -> LinearSystem:
+    """Tracks without their landmarks, the biases of instances and key frames, and all that joins planes.
+
+    Args:
+        planes: (S, 4) where to linearise.
+        placed: (P,) the instances that have a plane.
+    """
+    system = SystemBuilder()
+    observations = np.bincount(tracks.track, minlength=len(tracks))
+    for s in placed.tolist():
+        system.add_root(P(s), gtsam.OrientedPlane3(planes[s]))
+    for s in placed.tolist():
+        _add_tracks(system, observations, evidence, s, planes[s], config)
+    # Robust weights are for the scales to decide.
+    quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf, right_angle_cauchy=np.inf)
+    system.add(edge_factors(evidence, planes, quadratic), EDGE)
+    system.add(joint_factors(evidence, planes, quadratic), JOINT)
+    system.add(plane_priors(evidence, planes, config.sigma_prior_depths, config), PRIOR)
+    return system.build()
+
+
+def _add_tracks(
+    system: SystemBuilder,
+    observations: IntArray,
+    evidence: Evidence,
+    s: int,
+    plane: FloatArray,
+    config: EstimationConfig,
+) -> None:
+    """What the tracks of instance ``s`` say of its plane, and how far they may be off together.
+
+    Args:
+        observations: (N,) how often each track was observed.
+    """
+    expected = config.uncertainty
+    index = np.nonzero((evidence.track_instance == s) & (evidence.track_weight > 0))[0]
+    points, depth = evidence.on_planes(index, plane)
+    index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
+    if len(index) == 0:
+        return
+    # Surfaces of which few points survive (mirrors, gloss) are off by more.
+    trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.least_trust))
+    over = np.column_stack([np.ones(len(index)), _over_plane(points, plane)])
+    rays = evidence.rays
+    raw = rays.sigma_rho[index] * depth
+    # Observations of a track share errors: it knows no more than so many of them would.
+    sigma = raw * np.sqrt(np.maximum(observations[index] / config.independent_observations, 1.0))
+    sigma = np.hypot(sigma, config.sigma_relief / np.median(depth))
+    point, isotropic = np.zeros(3), gtsam.noiseModel.Isotropic.Sigma
+    shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
+    system.add_branch(S(s), point, P(s))
+    system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SHARED_DEPTH)
+    _, group = np.unique(evidence.track_key_frame[index], return_inverse=True)
+    biases = np.hypot(expected.relative_depth, expected.of_track * _medians(raw, group)) / trust
+    for number, bias in enumerate(biases.tolist()):
+        here = group == number
+        key = B(len(system.leaves))
+        system.add_leaf(key, point, S(s))
+        system.add([gtsam.BetweenFactorPoint3(S(s), key, point, isotropic(3, bias))], SHARED_DEPTH)
+        members, per_depth = index[here], 1 / depth[here]
+        factor = biased_depth_factor(
+            (P(s), key),
+            rays.center[members],
+            rays.ray[members],
+            rays.rho[members],
+            over[here] * per_depth[:, None],
+            gtsam.noiseModel.Diagonal.Sigmas(sigma[here] * per_depth),
+        )
+        system.add([factor], TRACK)
+
+
+def _over_plane(points: FloatArray, plane: FloatArray) -> FloatArray:
+    """(n, 2) where points lie on a plane, from their middle, in units of their spread."""
+    uv = (points - np.median(points, axis=0)) @ gtsam.Unit3(plane[:3]).basis()
+    return uv / max(float(np.sqrt(np.mean(np.sum(uv**2, axis=1)))), 1e-9)
+
+
+def _medians(values: FloatArray, group: IntArray) -> FloatArray:
+    """(G,) median of the (n,) values in each of G groups, none of them empty."""
+    ordered, size = values[np.lexsort((values, group))], np.bincount(group)
+    first = np.cumsum(size) - size
+    return (ordered[first + (size - 1) // 2] + ordered[first + size // 2]) / 2
