@@ -226,3 +226,36 @@ def test_a_gap_is_closed_along_its_contact_and_no_farther() -> None:
     far = compute_extents(scene, rooms.instances_of(SEEN, 1), planes, [edge], ExtentConfig())[FAR]
     grown = in_world(far, (0, 2)).difference(box(0.2, 0, 4, 2.5))
     assert grown.area == pytest.approx(0.2 * (1.25 + np.sqrt(0.2**2 - 0.1**2)), rel=0.01)
+
+
+@pytest.mark.parametrize("samples", [1, 2])
+def test_a_sample_by_itself_is_no_contact(samples: int) -> None:
+    surfaces = (rooms.FLOOR, rooms.FAR)
+    scene, instances = rooms.seen_from([CAMERA], surfaces), rooms.instances_of(surfaces, 1)
+    x = np.array([0.5, *np.linspace(2.0, 2.5, 11)]) if samples == 2 else np.array([0.5])
+    foot = np.column_stack([x, np.full(len(x), 5.0), np.zeros(len(x))])
+    lines = unproject_edges(
+        scene,
+        instances,
+        [surface.plane for surface in surfaces],
+        [surface.extent.frame for surface in surfaces],
+        [ContactEdge(0, (0, 1), CAMERA.project(foot)[0])],
+        np.inf,
+        ExtentConfig(),
+    )
+    assert sum(line.length for line in lines.values()) == pytest.approx(1.0 if samples == 2 else 0.0)
+
+
+def test_a_slanted_ceiling_cuts_off_the_corner_of_the_wall_below_it() -> None:
+    """From (3, 2.5) down to (4, 1.5) in the far wall, which was drawn up to its corner: 5 % of it."""
+    slope = np.array([-1.0, 0.0, -1.0]) / np.sqrt(2)
+    slanted = Plane(slope, -float(slope @ [3, 5, 2.5]), np.zeros((4, 4)), observable=True)
+    scene = rooms.seen_from([CAMERA], SEEN)
+    along = np.linspace([3, 5, 2.5], [4, 5, 1.5], 20)
+    edge = ContactEdge(0, (1, FAR), CAMERA.project(along)[0])
+    planes = [surface.plane for surface in SEEN]
+    planes[1] = slanted
+    instances = list(rooms.instances_of(SEEN, 1))
+    instances[1] = replace(instances[1], label="slanted", name="slanted_1")
+    far = compute_extents(scene, instances, planes, [edge], ExtentConfig())[FAR]
+    assert_same(in_world(far, (0, 2)), Polygon([(0, 0), (4, 0), (4, 1.5), (3, 2.5), (0, 2.5)]))

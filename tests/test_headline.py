@@ -205,3 +205,16 @@ def test_many_names_are_counted() -> None:
     quality = assess(scene, rooms.instances_of(surfaces, 1), [LOST] * 10, extents, QualityConfig())
     assert any(reason.startswith("wall_0, wall_1, wall_2 and 7 more are unobs") for reason in quality.headline.reasons)
     assert quality.known_share == 0.0
+
+
+def test_the_blame_goes_by_the_share_of_the_depth() -> None:
+    """A wall 20 m away with σ .8 m is known better than one 5 m away with σ .5 m."""
+    near, far = (rooms.facing(x, 0, x + 50, 80) for x in (0, 50))
+    near, far = replace(near, corners=near.corners / 2), replace(far, corners=far.corners * 2)
+    planes = [
+        replace(surface.plane, covariance=np.diag([0, 0, 0, sigma**2])) for surface, sigma in ((near, 0.5), (far, 0.8))
+    ]
+    scene = rooms.seen_from([CAMERA], (near, far))
+    instances = rooms.instances_of((near, far), 1)
+    quality = assess(scene, instances, planes, [near.extent, far.extent], QualityConfig(known_sigma_depth_share=0.2))
+    assert "look at wall_0 first, which adds most" in quality.headline.reasons[0]

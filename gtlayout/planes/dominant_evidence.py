@@ -18,6 +18,8 @@ _KINDS: dict[EvidenceKind, int] = {"right angles": JOINT, "contact edges": EDGE,
 """The kinds of evidence that a plane may rest on, weakest first."""
 _KNOWN = 0.5
 """A plane whose σ is more than this share of what priors alone leave is unknown."""
+_MISSED = 1 + 1e-9
+"""σ grows by more than this, which is rounding, when a kind that is there is left out."""
 _CLEARLY = 2.0
 """A plane rests on a weaker kind when its loss hurts this many times as much as that of the next stronger one."""
 
@@ -89,7 +91,11 @@ def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: F
         best = sigmas(i)
         without = {kind: sigmas(i, dropped) for kind, dropped in _KINDS.items()}
         needed = [kind for kind in _KINDS if (without[kind] > unknown).any()]
-        hurts = [float((without[kind] / best).max()) * _CLEARLY**rank for rank, kind in enumerate(_KINDS)]
+        hurts = [
+            # What is not there cannot be missed.
+            float((without[kind] / best).max()) * _CLEARLY**rank * (without[kind] > _MISSED * best).any()
+            for rank, kind in enumerate(_KINDS)
+        ]
         missed = list(_KINDS)[int(np.argmax(hurts))]
         held.append("priors" if (best > unknown).any() else [*needed, missed][0])
     return held
