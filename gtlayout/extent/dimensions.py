@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import shapely
 
+from gtlayout.geometry.rays import depth_on_plane
 from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame, propagated_sigma
 from gtlayout.scene import FloatArray, Label
 
@@ -80,7 +81,7 @@ def _hit(plane: Plane, point: FloatArray, across: FloatArray) -> tuple[FloatArra
     it bisects it is the shortest way through its own middle.
     """
     facing = float(plane.normal @ across)
-    hit = point - (plane.normal @ point + plane.d) / facing * across
+    hit = point + depth_on_plane(plane.normal @ point + plane.d, np.array(facing)) * across
     return hit, -np.append(hit - plane.anchor, 1.0) / facing
 
 
