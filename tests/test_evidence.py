@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapely import MultiPolygon
 
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.evidence import Evidence, followed, gather
@@ -56,3 +57,26 @@ def test_more_tracks_than_the_graph_takes_are_thinned_out_evenly(room: Room, tra
         own = np.nonzero(evidence.track_instance == i)[0]
         assert len(own) == most
         assert set(tracks.key_frame[own]) == {0, 1, 2}
+
+
+def test_walls_stand_at_right_angles_to_floors_and_ceilings_and_to_nothing_else(room: Room, tracks: Tracks) -> None:
+    labels = [instance.label for instance in room.instances]
+    evidence = evidence_of(room, tracks, EstimationConfig())
+    for a, first in enumerate(labels):
+        for b, second in enumerate(labels):
+            assert evidence.perpendicular[a, b] == ((first == "wall") != (second == "wall"))
+
+
+def test_points_count_on_visible_parts_only_where_there_are_some(room: Room, tracks: Tracks) -> None:
+    instance = room.instances[2]
+    k, e = instance.members[0]
+    key_frames = list(room.scene.key_frames)
+    elements = list(key_frames[k].elements)
+    elements[e] = replace(elements[e], visible=MultiPolygon())
+    key_frames[k] = replace(key_frames[k], elements=tuple(elements))
+    scene = replace(room.scene, key_frames=tuple(key_frames))
+    own = (tracks.key_frame == k) & (tracks.element == e)
+    kept, tried = followed(room.scene, tracks, instance)
+    assert followed(scene, tracks, instance) == (kept - np.count_nonzero(own), tried - tracks.tried[k][e])
+    nowhere = replace(instance, members=((k, e),))
+    assert followed(scene, tracks, nowhere) == (np.count_nonzero(own), tracks.tried[k][e])
