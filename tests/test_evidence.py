@@ -77,6 +77,6 @@ def test_points_count_on_visible_parts_only_where_there_are_some(room: Room, tra
     scene = replace(room.scene, key_frames=tuple(key_frames))
     own = (tracks.key_frame == k) & (tracks.element == e)
     kept, tried = followed(room.scene, tracks, instance)
-    assert followed(scene, tracks, instance) == (kept - np.count_nonzero(own), tried - tracks.tried[k][e])
+    assert followed(scene, tracks, instance) == (kept - int(np.count_nonzero(own)), tried - int(tracks.tried[k][e]))
     nowhere = replace(instance, members=((k, e),))
-    assert followed(scene, tracks, nowhere) == (np.count_nonzero(own), tracks.tried[k][e])
+    assert followed(scene, tracks, nowhere) == (int(np.count_nonzero(own)), int(tracks.tried[k][e]))
