@@ -82,7 +82,8 @@ def _no_contact(key_frame: KeyFrame, camera: Camera, config: EdgeConfig) -> Base
 def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: EdgeConfig) -> FloatArray:
     """(N, 2) points midway between the two boundaries, where these run along each other."""
     boundary_a, boundary_b = a.amodal.boundary, b.amodal.boundary
-    if shapely.distance(boundary_a, boundary_b) > config.max_gap_px:
+    shapely.prepare(boundary_b)
+    if not shapely.dwithin(boundary_a, boundary_b, config.max_gap_px):
         return np.empty((0, 2))
     near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px)).difference(excluded)
     # Where boundaries only cross, the intersection holds single points too.
