@@ -12,7 +12,7 @@ from shapely import LineString, MultiLineString
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.instances import Instance
-from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
+from gtlayout.scene import SAME_BORDER_PX, Camera, Element, FloatArray, KeyFrame, Scene
 
 _MOST_CANDIDATES = 64
 """Points of an edge whose pairs are tried as its line: all pairs of a long edge would be too many."""
@@ -26,7 +26,7 @@ _DECIMALS = 6
 class EdgeConfig:
     """Stage 3. Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others."""
 
-    max_gap_px: float = 4.0
+    max_gap_px: float = SAME_BORDER_PX
     """Two boundaries closer than this run along each other."""
     step_px: float = 4.0
     """Distance of the samples on a contact edge."""

@@ -29,6 +29,9 @@ Label = Literal["floor", "ceiling", "wall", "slanted", "door", "window"]
 LABELS: tuple[Label, ...] = get_args(Label)
 OPENINGS: frozenset[Label] = frozenset({"door", "window"})
 """Labels that lie in a host element (a wall, usually) instead of bounding the room themselves."""
+SAME_BORDER_PX = 4.0
+"""Lines that annotators draw for the two sides of one border differ by up to this, px of an image of 640x480. By
+judgement, not measured: a pixel or two of either hand, and what the cameras are off."""
 
 
 @dataclass(frozen=True)
