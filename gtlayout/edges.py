@@ -12,7 +12,7 @@ from shapely import LineString, MultiLineString
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.instances import Instance
-from gtlayout.scene import Camera, Element, FloatArray, KeyFrame, Scene
+from gtlayout.scene import SAME_BORDER_PX, Camera, Element, FloatArray, KeyFrame, Scene
 
 _MOST_CANDIDATES = 64
 """Number of points of an edge whose pairs are tried as its line. All pairs of a long edge would be too many."""
@@ -26,7 +26,7 @@ _DECIMALS = 6
 class EdgeConfig:
     """Stage 3. Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others."""
 
-    max_gap_px: float = 4.0
+    max_gap_px: float = SAME_BORDER_PX
     """Two boundaries that are closer than this run along each other."""
     step_px: float = 4.0
     """Distance of the samples on a contact edge."""
@@ -82,7 +82,8 @@ def _no_contact(key_frame: KeyFrame, camera: Camera, config: EdgeConfig) -> Base
 def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: EdgeConfig) -> FloatArray:
     """(N, 2) points midway between the two boundaries, where these run along each other."""
     boundary_a, boundary_b = a.amodal.boundary, b.amodal.boundary
-    if shapely.distance(boundary_a, boundary_b) > config.max_gap_px:
+    shapely.prepare(boundary_b)
+    if not shapely.dwithin(boundary_a, boundary_b, config.max_gap_px):
         return np.empty((0, 2))
     near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px)).difference(excluded)
     # Where boundaries only cross, the intersection holds single points too.

@@ -9,6 +9,7 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 from shapely import MultiPoint, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
@@ -18,6 +19,10 @@ from gtlayout.scene import FloatArray, IntArray
 
 _WELD_SHARE = 1e-3
 """Vertices closer than this share of the layout's size are one: a few millimetres in a room."""
+_WIDEST = 3.0
+"""Vertices that are one lie within so many times that of each other."""
+_SAME_SHARE = 1e-6
+"""Distances that differ by less than this share of that are equal."""
 _GRID_STEPS = 32.0
 """The grid of triangles is so many times coarser than that of extents: what moves there by a step stays here."""
 
@@ -46,15 +51,17 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
     corners = [
         extent.frame.to_world(shapely.get_coordinates(region)) for region, extent in zip(regions, extents, strict=True)
     ]
-    triangles, owners = [], []
+    triangles, corners_uv, owners = [], [], []
     for i, (region, extent) in enumerate(zip(regions, extents, strict=True)):
         others = np.concatenate([corner for j, corner in enumerate(corners) if j != i] or [np.empty((0, 3))])
         parts = _triangulate(_take_over(region, extent, others, reach, grid))
         for part in parts:
             triangles.append(extent.frame.to_world(part))
+            corners_uv.append(part)
             owners.append(i)
-    soup = np.concatenate(triangles) if triangles else np.empty((0, 3))
-    vertices, index = _weld(soup, np.repeat(owners, 3), reach)
+    if not triangles:
+        return Mesh.empty()
+    vertices, index = _weld(np.concatenate(triangles), np.concatenate(corners_uv), np.repeat(owners, 3), reach)
     faces = index.reshape(-1, 3)
     # Welding can close a sliver.
     proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
@@ -93,7 +100,9 @@ def _take_over(
     uv = extent.frame.to_plane(others_world)
     height = np.linalg.norm(others_world - extent.frame.to_world(uv), axis=1)
     near = uv[height < reach]
-    near = near[shapely.distance(shapely.points(near), region.boundary) < reach] if len(near) else near
+    boundary = region.boundary
+    shapely.prepare(boundary)
+    near = near[shapely.dwithin(shapely.points(near), boundary, reach)] if len(near) else near
     # On the grid, or rounding chooses the diagonals of rectangles. Snapping may pinch a thin part to a line: dropped.
     near = grid * np.round(near / grid)
     snapped = polygons(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
@@ -111,19 +120,41 @@ def _triangulate(region: MultiPolygon) -> list[FloatArray]:
     return triangles
 
 
-def _weld(points: FloatArray, owner: IntArray, reach: float) -> tuple[FloatArray, IntArray]:
+def _weld(points: FloatArray, uv: FloatArray, owner: IntArray, reach: float) -> tuple[FloatArray, IntArray]:
     """Vertices, and the vertex of every point.
 
-    Points of different instances within ``reach`` become one, at their mean; those of one instance only where they
-    coincide, or a finely drawn outline would shrink to a point.
+    Points of different instances within ``reach`` become one, at their mean, and with them what else of these instances
+    is near, as slivers at a corner are; those of one instance alone only where they are the same corner.
+
+    Args:
+        points: (N, 3) corners of triangles, world.
+        uv: (N, 2) the same in the frames of their instances.
+        owner: (N,) instance of each.
+        reach: world unit.
     """
-    if len(points) == 0:
-        return points, np.empty(0, dtype=np.int64)
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    first, second = pairs.T
-    same = np.linalg.norm(points[first] - points[second], axis=1) < 1e-6 * reach
-    pairs = pairs[same | (owner[first] != owner[second])]
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    _, first, corner = np.unique(np.column_stack([owner, uv]), axis=0, return_index=True, return_inverse=True)
+    representative = first[_merged(points[first], owner[first], reach)[corner]]
+    links = coo_array((np.ones(len(points)), (np.arange(len(points)), representative)), shape=(len(points),) * 2)
     count, vertex = connected_components(links, directed=False)
     sums = np.column_stack([np.bincount(vertex, weights=axis, minlength=count) for axis in points.T])
     return sums / np.bincount(vertex, minlength=count)[:, None], vertex.astype(np.int64)
+
+
+def _merged(points: FloatArray, owner: IntArray, reach: float) -> IntArray:
+    """(N,) the point that stands for each: those of different owners within ``reach`` are linked, nearest first.
+
+    Links chain, but no group becomes wider than ``_WIDEST`` times the reach: two fine outlines that run side by side
+    would shrink to a point.
+    """
+    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
+    pairs = pairs[owner[pairs[:, 0]] != owner[pairs[:, 1]]]
+    # Rounded, so that of pairs as near the first comes first.
+    steps = np.round(np.linalg.norm(points[pairs[:, 0]] - points[pairs[:, 1]], axis=1) / (_SAME_SHARE * reach))
+    group = np.arange(len(points))
+    members = {i: [i] for i in range(len(points))}
+    for i, j in pairs[np.lexsort((pairs[:, 1], pairs[:, 0], steps))].tolist():
+        kept, joined = sorted((int(group[i]), int(group[j])))
+        if kept != joined and cdist(points[members[kept]], points[members[joined]]).max() <= _WIDEST * reach:
+            group[members[joined]] = kept
+            members[kept] += members.pop(joined)
+    return group

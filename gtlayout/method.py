@@ -14,7 +14,6 @@ from threadpoolctl import threadpool_limits
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
 from gtlayout.edges import contact_edges
-from gtlayout.errors import GtlayoutError
 from gtlayout.extent.dimensions import room_dimensions
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import with_sigma_depth
@@ -63,10 +62,9 @@ def solve(
 def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepared:
     """Stages 1 to 3: everything that planes are solved from.
 
-    Raises ``GtlayoutError`` when no frame is annotated, or an annotated image cannot be read.
+    Raises ``GtlayoutError`` when no element is annotated, or an annotated image cannot be read.
     """
-    if not scene.key_frames:
-        raise GtlayoutError(f"{scene.root}: no frame is annotated, so there is nothing to reconstruct")
+    scene.require_elements()
     stage = stage or Stages()
     stage.observer.scene(scene)
     form, cameras = canonical(scene), None

@@ -18,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from shapely import MultiPolygon
 
+from gtlayout.errors import GtlayoutError
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -27,6 +29,9 @@ Label = Literal["floor", "ceiling", "wall", "slanted", "door", "window"]
 LABELS: tuple[Label, ...] = get_args(Label)
 OPENINGS: frozenset[Label] = frozenset({"door", "window"})
 """Labels that lie in a host instance (usually a wall) instead of bounding the room themselves."""
+SAME_BORDER_PX = 4.0
+"""Lines that annotators draw for the two sides of one border differ by up to this, px of an image of 640x480. By
+judgement, not measured: a pixel or two of either hand, and the error of the cameras."""
 
 
 @dataclass(frozen=True)
@@ -163,3 +168,11 @@ class Scene:
     def frame_of(self, key_frame: int) -> Frame:
         """The frame that key frame number ``key_frame`` annotates."""
         return self.frames[self.key_frames[key_frame].frame]
+
+    def require_elements(self) -> None:
+        """Raise GtlayoutError when no key frame has an element; a key frame without any among others is fine."""
+        if not any(key_frame.elements for key_frame in self.key_frames):
+            raise GtlayoutError(
+                f"{self.root}: no element is annotated in any frame, so there is nothing to reconstruct: draw the "
+                "surfaces of at least one frame"
+            )

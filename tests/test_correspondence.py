@@ -12,12 +12,17 @@ import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
+import gtlayout
 from gtlayout.correspondence.config import CorrespondenceConfig
 from gtlayout.correspondence.matching import correspond
+from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.hosts import find_hosts
 from gtlayout.instances import Instance
+from gtlayout.quality.assess import assess
+from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import Camera, Element, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
-from gtlayout.tracking.config import TriangulationConfig
+from gtlayout.tracking.config import TrackingConfig, TriangulationConfig
+from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
 from simulated.simulated_room import Room, as_multi, box_faces, look_at, make_room, orbit
@@ -262,3 +267,30 @@ def paired(count: int) -> tuple[Scene, Tracks]:
     points_px = np.column_stack([np.arange(count) * 10.0 + 50, np.full(count, 100.0)])
     both = standing(scene, points_px, np.zeros((2, count), dtype=np.int64))
     return scene, chosen(both, np.arange(count))
+
+
+@pytest.mark.parametrize("empty", [0, 1, 2])
+def test_a_key_frame_without_elements_changes_nothing(empty: int) -> None:
+    room = make_room(orbit(), [2, 6, 10], seed=0)
+    tracks = make_tracks(room, np.random.default_rng(0))
+    key_frames = list(room.scene.key_frames)
+    key_frames[empty] = replace(key_frames[empty], elements=(), occlusion_edges=())
+    scene = replace(room.scene, key_frames=tuple(key_frames))
+    elsewhere = chosen(tracks, np.nonzero(tracks.key_frame != empty)[0])
+    instances, _ = group(scene, elsewhere)
+    check_rules(scene, instances)
+    whole = {frozenset(member for member in i.members if member[0] != empty) for i in room.instances} - {frozenset()}
+    assert partition(instances) == whole
+
+
+@pytest.mark.parametrize("key_frames", [(), (KeyFrame(0, ()),), (KeyFrame(0, ()), KeyFrame(3, ()))])
+def test_nothing_annotated_at_all_is_one_line(key_frames: tuple[KeyFrame, ...]) -> None:
+    scene = replace(make_room(orbit(), [2], seed=0).scene, key_frames=key_frames)
+    for work in (
+        lambda: group(scene, no_tracks(scene)),
+        lambda: track(scene, TrackingConfig(), 0),
+        lambda: assess(scene, (), (), (), QualityConfig()),
+        lambda: gtlayout.solve(scene),
+    ):
+        with pytest.raises(GtlayoutError, match=r"no element is annotated in any frame, .* draw the surfaces"):
+            work()

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
 import rooms
-from shapely import MultiPolygon, Polygon, box
+import shapely
+from shapely import LineString, MultiLineString, MultiPolygon, Polygon, box
 
 from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.plane_image import clip_to_plane, unproject
-from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.polygons import buffered, polygons
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.scene import FloatArray, Scene
 
@@ -286,3 +288,32 @@ def test_unproject_undoes_project() -> None:
     camera = rooms.level_camera(MIDDLE)
     points: FloatArray = rooms.FAR.extent.frame.to_world(uv)
     np.testing.assert_allclose(unproject(camera.project(points)[0], rooms.FAR.plane, camera), points, atol=1e-12)
+
+
+@pytest.mark.parametrize("cap_style", ["round", "flat"])
+def test_fine_lines_are_buffered_in_runs_to_the_same_region(cap_style: Literal["round", "flat"]) -> None:
+    """Zigzags of 400 vertices, which are split, and of 200, which are not."""
+    fine, coarse = (np.linspace(0, 10, count) for count in (400, 200))
+    apart = [np.column_stack([x, y + 0.01 * np.sin(20 * x)]) for x, y in ((fine, 0.0), (coarse, 3.0))]
+    lines = MultiLineString(apart)
+    whole = shapely.buffer(lines, 0.5, cap_style=cap_style)
+    assert buffered(lines, 0.5, cap_style).symmetric_difference(whole).area < 2e-3 * whole.area
+    assert buffered(LineString(apart[1]), 0.5, cap_style).equals_exact(
+        LineString(apart[1]).buffer(0.5, cap_style=cap_style)
+    )
+
+
+def test_finely_drawn_outlines_give_the_extents_of_plain_ones() -> None:
+    """Some 500 vertices an outline, each on a ripple of 0.2 px that all key frames draw elsewhere."""
+    cameras = [rooms.level_camera((x, 1.0, MIDDLE[2])) for x in (1.8, 1.9, 2.1, 2.2)]
+    plain = fine = rooms.seen_from(cameras, SEEN)
+    for k, key_frame in enumerate(plain.key_frames):
+        for e, element in enumerate(key_frame.elements):
+            finely = shapely.segmentize(element.amodal, element.amodal.length / 500)
+            rippled = shapely.transform(finely, lambda xy: xy + 0.2 * np.sin(2 * xy[:, ::-1] + k))  # noqa: B023
+            fine = rooms.redraw(fine, k, e, polygons(rippled))
+    instances = rooms.instances_of(SEEN, len(cameras))
+    for one, other in zip(
+        *(_extents(scene, SEEN, contact_edges(scene, instances, EdgeConfig())) for scene in (plain, fine)), strict=True
+    ):
+        assert one.region.symmetric_difference(other.region).area < 0.02 * one.region.area

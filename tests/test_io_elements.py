@@ -17,10 +17,11 @@ from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assembl
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.annotations.labels import Kind, label_meanings, meaning, read_label_file
+from gtlayout.io.annotations.outlines import MOST_CLICKED, REDUNDANT_PX, Repairs, View, region
 from gtlayout.io.pixels.video import Video
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape
-from gtlayout.scene import Frame, Label, VideoFrame
+from gtlayout.scene import Camera, FloatArray, Frame, Label, VideoFrame
 
 
 @pytest.mark.parametrize(
@@ -228,3 +229,37 @@ def test_annotation_files_are_looked_for_in_folders_last(tmp_path: Path) -> None
     assert find(tmp_path) == [here]
     (tmp_path / "annotations.json").write_text("garbage")
     assert files_of_kind("native")(tmp_path) == [tmp_path / "annotations.json"]
+
+
+def _at_the_door(outline_px: FloatArray, size: tuple[int, int] = (640, 480)) -> MultiPolygon:
+    camera = Camera(np.diag([500.0, 500, 1]), np.eye(3), np.zeros(3), *size)
+    view = View.of("0.png", Frame("0.png", Path("0.png"), camera), None)
+    return region([outline_px], view, "0.png", Repairs())
+
+
+WALL_PX = np.array([[100.0, 50], [500, 90], [520, 400], [90, 430]])
+
+
+@pytest.mark.parametrize("spacing_px", [4.0, 0.1])
+def test_vertices_on_the_sides_of_a_polygon_go_at_the_door(spacing_px: float) -> None:
+    fine = shapely.get_coordinates(shapely.segmentize(Polygon(WALL_PX), spacing_px))[:-1]
+    for first in (0, 7, len(fine) // 2):
+        (wall,) = _at_the_door(np.roll(fine, first, axis=0)).geoms
+        assert {tuple(corner) for corner in np.array(wall.exterior.coords)} == {tuple(corner) for corner in WALL_PX}
+
+
+@pytest.mark.parametrize("scale", [1, 4])
+def test_a_smooth_outline_of_10_000_vertices_keeps_its_shape_with_few(scale: int) -> None:
+    angle = np.linspace(0, 2 * np.pi, 10_000, endpoint=False)
+    arch = scale * np.column_stack([320 + 200 * np.cos(angle), 240 + 150 * np.sin(angle)])
+    (found,) = _at_the_door(arch, (640 * scale, 480 * scale)).geoms
+    assert shapely.get_num_coordinates(found) < 100
+    assert shapely.hausdorff_distance(found, Polygon(arch), densify=0.01) <= REDUNDANT_PX * scale
+    assert found.area == pytest.approx(Polygon(arch).area, rel=5e-3)
+
+
+def test_vertices_that_a_hand_has_clicked_stay() -> None:
+    """Also those on a straight side."""
+    clicked = shapely.get_coordinates(shapely.segmentize(Polygon(WALL_PX), 30.0))[:-1]
+    assert 40 < len(clicked) < MOST_CLICKED
+    np.testing.assert_array_equal(shapely.get_coordinates(_at_the_door(clicked))[:-1], clicked)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rooms
+import shapely
 import trimesh
 from shapely import MultiPolygon, Polygon, box
 
@@ -155,6 +156,25 @@ def test_a_finely_drawn_outline_keeps_its_area() -> None:
     floor = replace(rooms.FLOOR.extent, region=MultiPolygon([outline]))
     mesh = build_mesh(rooms.instances_of((rooms.FLOOR,), 1), [floor])
     assert _areas(mesh, 1) == pytest.approx([outline.area], rel=1e-6)
+
+
+@pytest.mark.parametrize("step_m", [0.012, 0.003])
+def test_fine_outlines_side_by_side_keep_their_areas_and_share_vertices(step_m: float) -> None:
+    """Each side of the box room with a vertex every few millimetres, half a step off those of its neighbours."""
+    extents = []
+    for i, surface in enumerate(rooms.BOX):
+        corners = shapely.get_coordinates(surface.extent.region)[:-1]
+        sides = np.roll(corners, -1, axis=0) - corners
+        outline = [
+            corner
+            + np.append(0.0, np.arange(step_m * (0.5 + i % 2 / 2), length - 1e-3, step_m))[:, None] * side / length
+            for corner, side, length in zip(corners, sides, np.linalg.norm(sides, axis=1), strict=True)
+        ]
+        extents.append(replace(surface.extent, region=MultiPolygon([Polygon(np.concatenate(outline))])))
+    mesh = build_mesh(rooms.instances_of(rooms.BOX, 1), extents)
+    expected = [WIDTH * DEPTH] * 2 + [DEPTH * HEIGHT] * 2 + [WIDTH * HEIGHT] * 2
+    np.testing.assert_allclose(_areas(mesh, 6), expected, rtol=5e-4)
+    assert _surface(mesh).is_watertight
 
 
 def test_sigma_of_vertices_by_hand() -> None:

@@ -40,7 +40,10 @@ def correspond(
 
     Returns:
         The instances, in order of first appearance, and (N,) the instance of each track, -1 = none.
+
+    Raises ``GtlayoutError`` when no key frame has an element.
     """
+    scene.require_elements()
     first_of = _first_of(scene)
     labels = [element.label for key_frame in scene.key_frames for element in key_frame.elements]
     key_frame_of = np.repeat(np.arange(len(scene.key_frames)), np.diff(first_of))

@@ -13,7 +13,7 @@ from gtlayout.edges import ContactEdge
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import straight
 from gtlayout.geometry.plane_image import clip_to_plane, unproject
-from gtlayout.geometry.polygons import flat, half_plane, homogeneous, polygons
+from gtlayout.geometry.polygons import buffered, flat, half_plane, homogeneous, polygons
 from gtlayout.instances import Instance, Plane, PlaneFrame
 from gtlayout.scene import FloatArray, Scene
 
@@ -103,7 +103,7 @@ def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> F
     # Through the contact as drawn, which borders the region even where the planes' own intersection is off.
     drawn = line - [0.0, 0.0, float(np.median(distance))]
     width = max(float(np.ptp(distance)), max(part.length for part in shapely.get_parts(contact)) / 4)
-    beside = region.intersection(contact.buffer(width, cap_style="flat"))
+    beside = region.intersection(buffered(contact, width, cap_style="flat"))
     positive = beside.intersection(half_plane(drawn, shapely.union_all([region, contact])))
     return line if positive.area >= beside.area / 2 else -line
 
@@ -119,7 +119,7 @@ def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> Multi
     ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
     """
     reach = _reach(line, contact)
-    boundary = region.boundary.intersection(contact.buffer(reach)).intersection(half_plane(line, region))
+    boundary = region.boundary.intersection(buffered(contact, reach)).intersection(half_plane(line, region))
     quads = []
     for part in shapely.get_parts(flat(boundary)):
         points = shapely.get_coordinates(part)

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from gtlayout.instances import Instance
-from gtlayout.scene import OPENINGS, Element, Label, Scene
+from gtlayout.scene import OPENINGS, SAME_BORDER_PX, Element, Label, Scene
 
 _HOST_LABELS: dict[Label, tuple[Label, ...]] = {
     "door": ("wall", "slanted"),
     "window": ("wall", "slanted", "ceiling"),
 }
-_REACH_PX = 4.0
-"""Annotators' lines for the two sides of one border differ by a few pixels."""
 _DECIMALS = 6
 """Of a pixel."""
 
@@ -36,4 +34,4 @@ def find_hosts(scene: Scene, instances: Sequence[Instance]) -> list[int | None]:
 
 def _shared_border_px(opening: Element, host: Element) -> float:
     """Length of the opening's border that runs along the host, or lies on it where the host is drawn through."""
-    return float(opening.amodal.boundary.intersection(host.amodal.buffer(_REACH_PX)).length)
+    return float(opening.amodal.boundary.intersection(host.amodal.buffer(SAME_BORDER_PX)).length)

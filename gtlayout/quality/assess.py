@@ -36,7 +36,11 @@ def assess(
     extents: Sequence[Extent],
     config: QualityConfig,
 ) -> Quality:
-    """Render the layout into every key frame and compare it with the annotation."""
+    """Render the layout into every key frame and compare it with the annotation.
+
+    Raises ``GtlayoutError`` when no key frame has an element.
+    """
+    scene.require_elements()
     elements = element_ious(scene, instances, lambda camera: render(planes, extents, instances, camera)[0])
     hosted = [instance.host is not None for instance in instances]
     frame_ious = mean_by_frame(scene, instances, elements)

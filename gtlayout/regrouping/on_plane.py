@@ -14,12 +14,10 @@ from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, unprojec
 from gtlayout.geometry.polygons import polygons
 from gtlayout.geometry.raster import annotated_labels, spread_points
 from gtlayout.instances import Instance, Plane, PlaneFrame
-from gtlayout.scene import FloatArray, Scene
+from gtlayout.scene import SAME_BORDER_PX, FloatArray, Scene
 
 _POINTS = 40
 """Points spread over each element."""
-_REACH_PX = 4.0
-"""Annotators' lines, and the cameras, are off by a few pixels."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def visibility_votes(
             for frame, e in instance.members
             if frame == k and (i == index or instance.host in (index, other_part))
         ]
-        shown[shapely.contains_xy(shapely.union_all(drawn).buffer(_REACH_PX), px)] = index
+        shown[shapely.contains_xy(shapely.union_all(drawn).buffer(SAME_BORDER_PX), px)] = index
         for i in np.unique(shown[shown >= 0]).tolist():
             here = shown == i
             if planes[i].observable:

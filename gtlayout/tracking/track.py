@@ -31,8 +31,9 @@ def track(
     failure.
 
     Raises:
-        GtlayoutError: an annotated image cannot be read.
+        GtlayoutError: no element is annotated, or an annotated image cannot be read.
     """
+    scene.require_elements()
     tracker = tracker or KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
     images = ImageCache(scene, config.max_frames)
     sampler = qmc.Sobol(d=2, seed=seed)

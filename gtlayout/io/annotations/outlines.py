@@ -17,6 +17,11 @@ OVERHANG_PX = 1.0
 """A vertex up to this far off the image is rounding, and clipped without a warning."""
 MIN_AREA_PX2 = 1.0
 """Pieces smaller than a pixel are left-overs of repair and clipping."""
+REDUNDANT_PX = 0.5
+"""How far an outline may move when vertices go that say nothing: as far as rounding to whole pixels moves it, less than
+a hand is off. Of an image of 640x480; see ``Camera.annotation_scale`` for others."""
+MOST_CLICKED = 64
+"""Polygons with no more vertices were clicked one by one, and keep them; masks and brush strokes have one a pixel."""
 
 NOTHING = MultiPolygon()
 
@@ -39,6 +44,8 @@ class View:
     """(width, height) px."""
     annotated_size: tuple[int, int]
     """(width, height) px of the copy of the image file that was drawn on."""
+    annotation_scale: float
+    """That of the pinhole camera."""
 
     @classmethod
     def of(cls, name: str, frame: Frame, annotated_size: tuple[int, int] | None) -> View:
@@ -46,7 +53,7 @@ class View:
         lens = frame.undistort if isinstance(frame.undistort, Undistortion) else None
         pinhole_size = (frame.camera.width, frame.camera.height)
         file_size = (lens.width, lens.height) if lens else pinhole_size
-        return cls(name, lens, pinhole_size, annotated_size or file_size)
+        return cls(name, lens, pinhole_size, annotated_size or file_size, frame.camera.annotation_scale)
 
     @property
     def file_size(self) -> tuple[int, int]:
@@ -64,9 +71,13 @@ class View:
 
 
 def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repairs) -> MultiPolygon:
-    """The union of (N, 2) outlines, in the pinhole image; ``where`` begins the messages about them."""
+    """The union of (N, 2) outlines, in the pinhole image, without redundant vertices.
+
+    ``where`` begins the messages about them.
+    """
     pieces = [_polygon(view.to_file(points_px), view, where, repairs) for points_px in polygons]
-    return united([piece for piece in pieces if not piece.is_empty])
+    whole = united([piece for piece in pieces if not piece.is_empty])
+    return without_redundant_vertices(whole, REDUNDANT_PX * view.annotation_scale)
 
 
 def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatArray]:
@@ -84,7 +95,23 @@ def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatA
     return [piece for piece in pieces if np.all(np.isfinite(piece))]
 
 
-def united(regions: Sequence[MultiPolygon]) -> MultiPolygon:
+def without_redundant_vertices(whole: MultiPolygon, tolerance_px: float) -> MultiPolygon:
+    """Polygons of more than ``MOST_CLICKED`` vertices simplified; no outline moves by more than the tolerance.
+
+    A vertex at which a ring begins stays, so rings begin at a corner that does not depend on how they were drawn.
+    """
+    fine = [shapely.get_num_coordinates(part) > MOST_CLICKED for part in whole.geoms]
+    if not any(fine):
+        return whole
+    simplified = [
+        shapely.simplify(shapely.normalize(part), tolerance_px) if is_fine else part
+        for part, is_fine in zip(whole.geoms, fine, strict=True)
+    ]
+    # Parts side by side may touch now.
+    return united(simplified)
+
+
+def united(regions: Sequence[BaseGeometry]) -> MultiPolygon:
     """The union of regions, without pieces smaller than a pixel."""
     return polygonal(shapely.union_all(regions)) if regions else NOTHING
 
