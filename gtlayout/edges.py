@@ -83,7 +83,7 @@ def _shared_boundary(a: Element, b: Element, excluded: BaseGeometry, config: Edg
     """(N, 2) points midway between the two boundaries, where these run along each other."""
     boundary_a, boundary_b = a.amodal.boundary, b.amodal.boundary
     shapely.prepare(boundary_b)
-    if not shapely.dwithin(boundary_a, boundary_b, config.max_gap_px):
+    if not shapely.dwithin(boundary_b, boundary_a, config.max_gap_px):
         return np.empty((0, 2))
     near = boundary_a.intersection(boundary_b.buffer(config.max_gap_px)).difference(excluded)
     # Where boundaries only cross, the intersection holds single points too.

@@ -102,7 +102,7 @@ def _take_over(
     near = uv[height < reach]
     boundary = region.boundary
     shapely.prepare(boundary)
-    near = near[shapely.dwithin(shapely.points(near), boundary, reach)] if len(near) else near
+    near = near[shapely.dwithin(boundary, shapely.points(near), reach)] if len(near) else near
     # On the grid, or rounding chooses the diagonals of rectangles. Snapping may pinch a thin part to a line: dropped.
     near = grid * np.round(near / grid)
     snapped = polygons(shapely.snap(region, MultiPoint(near), reach)) if len(near) else region
