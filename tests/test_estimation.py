@@ -185,6 +185,13 @@ def test_nothing_tracked_names_all_planes(room: Room) -> None:
     assert all(instance.name in str(caught.value) for instance in room.instances)
 
 
+def test_nothing_annotated_is_told(room: Room) -> None:
+    empty = replace(room.scene, key_frames=())
+    measured = measurements(room, no_tracks(room.scene), ())
+    with pytest.raises(GtlayoutError, match="annotated"):
+        estimate(replace(measured, scene=empty, instances=()), EstimationConfig(), 0)
+
+
 def test_the_unit_and_the_origin_of_the_world_do_not_matter() -> None:
     scale, shift = 137.0, np.array([1000.0, -1000.0, 1000.0])
     here = make_room(orbit(), KEY_FRAMES, metric=False)

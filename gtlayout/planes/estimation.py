@@ -37,6 +37,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
         GtlayoutError: no plane at all can be determined (the camera does not move, or nothing was tracked).
     """
     scene, tracks, rays, instances = measured.scene, measured.tracks, measured.rays, measured.instances
+    scene.require_elements()
     names = ", ".join(instance.name for instance in instances)
     if camera_path(scene) == 0.0:
         raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
