@@ -17,7 +17,7 @@ from gtlayout.extent.refine import unproject_edges
 from gtlayout.geometry.depth import centroid_of_largest, depth_at_centroid, median_depth
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Plane
-from gtlayout.scene import FloatArray, Scene
+from gtlayout.scene import Element, FloatArray, Scene
 
 MIDDLE = (rooms.WIDTH_M / 2, 1.0, rooms.HEIGHT_M / 2)
 SEEN = (rooms.FLOOR, rooms.CEILING, rooms.LEFT, rooms.RIGHT, rooms.FAR)
@@ -63,6 +63,21 @@ def partition_extent(widths_m: list[float], far_wall_observable: bool = True) ->
 def test_a_tie_leaves_what_one_has_drawn() -> None:
     assert_same(partition_extent([2.2, 1.5]), box(1.0, 0.5, 3.2, 2.0))
     assert_same(partition_extent([2.2, 1.5, 1.5]), box(1.0, 0.5, 2.5, 2.0))
+
+
+def test_a_key_frame_has_one_vote_whatever_it_shows_there() -> None:
+    """A window is drawn in the far wall, where the partition ends: one frame says so twice, and is still one."""
+    scene, (wall, front) = partition_drawn([2.2, 1.5])
+    pane = rooms.rectangle([2.6, 5.0, 0.5], [1.0, 0, 0], [0, 0, 1.4])
+    camera = scene.frame_of(1).camera
+    window = Element("window", "window", rooms.draw(pane, camera), rooms.draw(pane, camera))
+    key_frames = list(scene.key_frames)
+    key_frames[1] = replace(key_frames[1], elements=(*key_frames[1].elements, window))
+    scene = replace(scene, key_frames=tuple(key_frames))
+    instances = (*rooms.instances_of((wall, front), 2), Instance("window_0", "window", ((1, 2),), host=0))
+    planes = [wall.plane, front.plane, wall.plane]
+    found = in_world(compute_extents(scene, instances, planes, (), ExtentConfig())[1], (0, 2))
+    assert_same(found.intersection(box(0, 0.5, 4, 2.5)), box(1.0, 0.5, 3.2, 2.0))
 
 
 def test_an_unobservable_plane_has_no_vote() -> None:

@@ -38,16 +38,18 @@ def consensus(
     The paper takes the union of the polygons of all key frames, to which every error of a hand or a camera adds. Here
     the boundaries of all polygons cut the plane into faces. A face belongs to the instance unless more key frames see
     something else there, on or behind the plane, than see the instance. Something in front of the plane may hide the
-    instance, and gives no vote.
+    instance, and gives no vote; neither does an instance whose plane is unobservable, but for the host of an opening.
     """
     plane, host = planes[index], instances[index].host
     own = {member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members}
     instance_of = {member: i for i, one in enumerate(instances) for member in one.members}
-    seen, contradicted = [], []
+    seen: list[list[MultiPolygon]] = []
+    contradicted: list[list[MultiPolygon]] = []
     for k, key_frame in enumerate(scene.key_frames):
         camera = scene.frame_of(k).camera
         mine = shapely.union_all([element.amodal for e, element in enumerate(key_frame.elements) if (k, e) in own])
-        seen.append(_lift(mine, plane, camera, frame, max_depth, config))
+        seen.append([_lift(mine, plane, camera, frame, max_depth, config)])
+        contradicted.append([])
         for e, element in enumerate(key_frame.elements):
             other = instance_of.get((k, e))
             if other is None or (k, e) in own or not (planes[other].observable or other == host):
@@ -59,11 +61,12 @@ def consensus(
                     planes[other], camera
                 )
                 region = region.intersection(half_plane(not_nearer, region))
-            contradicted.append(_lift(region, plane, camera, frame, max_depth, config))
-    if all(region.is_empty for region in seen):
+            contradicted[k].append(_lift(region, plane, camera, frame, max_depth, config))
+    if all(region.is_empty for (region,) in seen):
         return MultiPolygon()
     # Two frames' boundaries may run on top of each other: on a grid they cross cleanly, and no face is lost.
-    lines = shapely.union_all([region.boundary for region in seen + contradicted], grid_size=grid)
+    boundaries = [region.boundary for regions in seen + contradicted for region in regions]
+    lines = shapely.union_all(boundaries, grid_size=grid)
     faces = shapely.get_parts(shapely.polygonize([lines]))
     inside = shapely.get_coordinates(shapely.point_on_surface(faces))
     votes = _count(seen, inside)
@@ -81,11 +84,14 @@ def _lift(
     return polygons(shapely.transform(clipped, lambda px: frame.to_plane(unproject(px, plane, camera))))
 
 
-def _count(regions: Sequence[MultiPolygon], points: FloatArray) -> IntArray:
-    """(N,) in how many of the regions each point lies."""
+def _count(by_key_frame: Sequence[Sequence[MultiPolygon]], points: FloatArray) -> IntArray:
+    """(N,) number of key frames of which a region contains each point."""
     count = np.zeros(len(points), dtype=np.int64)
-    for region in regions:
-        count += shapely.contains_xy(region, points)
+    for regions in by_key_frame:
+        inside = np.zeros(len(points), dtype=bool)
+        for region in regions:
+            inside |= shapely.contains_xy(region, points)
+        count += inside
     return count
 
 
