@@ -37,7 +37,7 @@ _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!\w+://|#)([^)]+)\)")
 """A link to a file of the repository."""
 _IMAGE = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n", re.MULTILINE)
 _FOLDER = "docs/pages/"
-_PAGES = {"docs/inputs.md": "inputs/index.md", "CHANGELOG.md": "changelog.md"}
+_PAGES = {"CHANGELOG.md": "changelog.md"}
 """Files of the repository that are pages of the site, as are those in docs/pages; others are only named there."""
 _GENERATORS: dict[str, Callable[[], str]] = {
     each.__name__: each for each in (cli, configuration, exports, names, schema)

@@ -70,7 +70,7 @@ class Plane:
     observable: bool
     """False when nothing but priors determines the plane: its numbers then mean nothing."""
     note: str = ""
-    """Why the plane is weak, in words; empty when it is not."""
+    """Why the plane is unobservable, in words; empty when it is not."""
     support: Support = Support()
     """What it is solved from."""
     sigma_depth_m: float = np.nan

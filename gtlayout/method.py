@@ -128,7 +128,10 @@ def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages 
 
 
 def _regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
-    """Solve planes, join or split instances by them, and solve again, until the instances no longer change."""
+    """Solve planes, join or split instances by them, and solve again, until they stay the same.
+
+    At most ``config.regrouping.rounds`` times.
+    """
     solved = solve_planes(prepared, config, stage)
     for _ in range(config.regrouping.rounds):
         with stage("regrouping"):

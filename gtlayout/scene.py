@@ -137,7 +137,7 @@ class Element:
     """The annotator's id: unique within its key frame, meaningless across frames."""
     label: Label
     amodal: MultiPolygon
-    """Its whole extent within the image, drawn through furniture, px."""
+    """Its whole outline within the image, drawn through furniture, px."""
     visible: MultiPolygon
     """Rough outlines of the textured parts that are seen, px; may be empty."""
 

@@ -152,7 +152,6 @@ def test_verdicts_say_why() -> None:
     assert judged(known_to(2.9, 0.29)) == ("ok", "")
     assert judged(known_to(3.1, 0.0)) == ("weak", "normal uncertain by more than 3°")
     assert judged(known_to(0.0, 0.31)) == ("weak", "depth uncertain by more than 3 %")
-    assert judged(replace(surface.plane, note="few tracks")) == ("weak", "few tracks")
     half = rooms.redraw(scene, 0, 0, rooms.pixels(20, 10, 50, 70))
     assert judged(known_to(3.1, 0.0), half) == ("weak", "IoU below 0.8; normal uncertain by more than 3°")
     lost = Plane(np.full(3, np.nan), np.nan, np.full((4, 4), np.nan), observable=False, note="no track places it")

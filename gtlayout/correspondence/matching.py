@@ -1,8 +1,8 @@
 """Stage 2: which elements of different key frames are the same instance (paper 3.2).
 
 Tracked points vote: a point on element i of one key frame that lies on element j of another is a vote for i = j.
-Elements on which nothing can be tracked get weak votes of a second kind, from sample points that are carried over with
-the depth of the tracks around them.
+Every element gets votes of a second kind, from sample points that are carried over with the depth of the tracks around
+them. They decide where little can be tracked.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Settings of stages 5 and 6."""
+"""Settings of stage 5; regrouping uses them, too."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ExtentConfig:
-    """Stages 5 and 6."""
+    """Stage 5; regrouping uses it, too."""
 
     max_growth: float = 0.10
     """Refinement extends an extent to its neighbour's plane when its area grows by at most this share (paper 3.4)."""
     max_cut: float = 0.10
-    """It cuts off a piece beyond the neighbour's plane that is at most this share of the area (paper 3.4)."""
+    """Refinement cuts off a piece beyond the neighbour's plane that is at most this share of the area (paper 3.4)."""
     min_angle_deg: float = 10.0
     """Extents are not refined to a plane that meets theirs at less than this angle."""
     max_depth_ratio: float = 10.0
     """A key frame's element is clipped where its plane is farther than this multiple of the scene's median depth."""
     min_horizon_px: float = 10.0
-    """It is also clipped this near to the plane's horizon: a pixel there moves the point by a tenth of its depth."""
+    """A key frame's element is also clipped this near to the plane's horizon: there a pixel moves the point by a tenth
+    of its depth."""
     max_sigma_depth_share: float = 0.5
     """An extent ends where the σ of its depth exceeds this share of the depth, and ``max_sigma_growth`` is exceeded.
     From there on two σ of the inverse depth reach zero, so the plane may be at infinity."""

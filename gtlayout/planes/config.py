@@ -95,7 +95,7 @@ class EstimationConfig:
     track_cauchy: float = 1.0
     """Robust scale of a whole track, in σ, or in the standard deviation of its instance's residuals if that is less."""
     least_spread: float = 0.3
-    """Least value of that standard deviation, in σ."""
+    """Least standard deviation of an instance's residuals that counts in ``track_cauchy``, in σ."""
     full_acceptance: float = 0.4
     """An instance is trusted fully from this share of surviving points on. Glossy ones keep 0.02."""
     full_tracks: float = 20.0
@@ -115,9 +115,10 @@ class EstimationConfig:
     max_contact_px: float = 10.0
     """Two instances do not touch when their contact edge is further than this from where their planes meet."""
     readmitted_share: float = 0.6
-    """Two instances touch again once their contact edge fits better than this share of that limit."""
+    """Two instances touch again once their contact edge fits better than this share of ``max_contact_px``."""
     contact_searches: int = 4
-    """Most searches for starting planes. Without the wrong contacts others may prove right."""
+    """Most rounds of removing wrong contacts, with ``starts`` searches each. Without the wrong ones others may prove
+    right."""
     sigma_perpendicularity: float = 0.02
     """σ of the deviation from a right angle, radians."""
     right_angle_cauchy: float = 1.5
@@ -137,7 +138,7 @@ class EstimationConfig:
     sigma_recess: float = 0.03
     """σ of the distance of a door or window from its wall's plane."""
     coplanarity_cauchy: float = 2.0
-    """Robust scale of both, in σ."""
+    """Robust scale of an opening's angle and distance to its host, in σ."""
     annealing: tuple[float, ...] = (4.0, 2.0)
     """Factors on the robust scales of tracks and edges, one re-weighting each: graduated non-convexity."""
     rounds: int = 4
@@ -149,8 +150,8 @@ class EstimationConfig:
     settled: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""
     max_cost_growth: float = 0.25
-    """A solve has failed when its planes cost more than the start's by this share (and by ``max_plane_growth``). On
-    real clips and synthetic rooms the growth is .05 at most."""
+    """A solve has failed when its planes cost more than the start's by this share and ``max_plane_growth`` together.
+    On real clips and synthetic rooms the growth is .05 at most."""
     max_moved_share: float = 0.3
     """A solve has also failed when it moves a plane by this share of its depth and ``max_plane_growth`` is exceeded."""
     max_plane_growth: float = 10.0

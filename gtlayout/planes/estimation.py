@@ -64,7 +64,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
         own = slice(4 * s, 4 * s + 4)
         planes.append(Plane(world[s, :3], float(world[s, 3]), covariance[own, own], not note, note, held[s]))
     if not any(plane.observable for plane in planes):
-        raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
+        raise GtlayoutError(f"{scene.root}: no plane is certain enough, so all planes are unobservable: {names}")
     used = np.isfinite(solution.landmarks[:, 0])
     return Estimate(
         planes=tuple(planes),

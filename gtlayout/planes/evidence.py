@@ -69,8 +69,9 @@ class Evidence:
         return center + depth[:, None] * ray, depth
 
     def tracks_of(self, instance: int, max_weight: float) -> tuple[IntArray, float]:
-        """(n,) the tracks of an instance, and the mean of their weights, 0 without tracks. The sum of the weights is
-        limited to ``max_weight`` for each key frame.
+        """(n,) the tracks of an instance, and one weight for all of them, 0 without tracks.
+
+        It is the mean of their weights, whose sum is limited to ``max_weight`` times the number of key frames.
         """
         index = np.nonzero(self.track_instance == instance)[0]
         if len(index) == 0:

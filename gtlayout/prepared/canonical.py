@@ -2,9 +2,9 @@
 
 The world's origin, its axes, its unit, the order of the elements and the first vertex of a polygon carry no information
 about a room, so they must not change a result. Stages 1 to 4 work on the canonical form of a scene: origin amid the
-cameras, axes of the first annotated camera, the camera's path as unit, elements and vertices in an order of their own,
-no frame that only repeats the camera of its neighbour. Their results are handed back in the given world, with the given
-numbers of frames and elements.
+cameras, axes of the first annotated camera, the diagonal of the box of all camera centres as unit, elements sorted by
+label and place, no frame that only repeats the camera of its neighbour unless it is annotated. Their results are handed
+back in the given world, with the frame and element indices of the given scene.
 """
 
 from __future__ import annotations
@@ -50,14 +50,14 @@ class Canonical:
         return self.similarity.origin if far else np.zeros(3)
 
     def given_instances(self, instances: Sequence[Instance]) -> tuple[Instance, ...]:
-        """Instances with the given scene's numbers of elements."""
+        """Instances with the element indices of the given scene."""
         return tuple(
             replace(instance, members=tuple((k, self.elements[k][e]) for k, e in instance.members))
             for instance in instances
         )
 
     def given_tracks(self, tracks: Tracks) -> Tracks:
-        """Tracks with the given scene's numbers of frames and elements."""
+        """Tracks with the frame and element indices of the given scene."""
         offset = np.cumsum([0, *(len(order) for order in self.elements)])
         element = np.concatenate([np.array(order, dtype=np.int64) for order in self.elements])
         return replace(

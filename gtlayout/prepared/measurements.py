@@ -52,10 +52,10 @@ class Prepared(Measurements):
 
     @property
     def given_tracks(self) -> Tracks:
-        """The tracks by the given scene's numbers of frames and elements."""
+        """The tracks by the frame and element indices of the given scene."""
         return self.form.given_tracks(self.tracks)
 
     @property
     def given_instances(self) -> tuple[Instance, ...]:
-        """The instances by the given scene's numbers of elements."""
+        """The instances by the element indices of the given scene."""
         return self.form.given_instances(self.instances)

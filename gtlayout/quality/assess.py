@@ -102,7 +102,7 @@ def _judge(
     sigma_depth, depth = depth_at_centroid(scene, instance, plane)
     sigma_normal_deg = plane.sigma_normal_deg
     wrong = [f"IoU below {config.accept_iou:g}"] if iou < config.accept_iou else []
-    uncertain = [plane.note] if plane.note else []
+    uncertain = []
     if sigma_normal_deg > config.max_sigma_normal_deg:
         uncertain.append(f"normal uncertain by more than {config.max_sigma_normal_deg:g}°")
     if not sigma_depth <= config.max_sigma_depth_share * depth:

@@ -29,7 +29,8 @@ class QualityConfig:
     disagreeing_share: float = 0.5
     """Tracks and contact edges disagree, a cause of weakness, when more than this share of the tracks is outvoted."""
     disagreeing_edge_px: float = 5.0
-    """They also disagree when the contact edges are further than this from where planes meet: 3 σ of a drawn edge."""
+    """Tracks and contact edges also disagree when the edges are further than this from where planes meet: 3 σ of a
+    drawn edge."""
     min_frame_iou: float = 0.5
     """A scene with a key frame below this IoU is not trusted, whatever the mean: half of that frame is wrong."""
     known_sigma_depth_share: float = 0.1
