@@ -11,7 +11,7 @@ TOOLS := .venv-tools
 VALIDATOR := tests/tools/node
 
 OLDER := $(addprefix tests/test_,$(addsuffix .py,last_bit synth synth_annotate synth_errors synth_images synth_paths \
-	synth_rooms tracking correspondence edges estimation regroup extent dimensions floor_plan mesh quality real_clips))
+	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions floor_plan mesh quality real_clips))
 
 .PHONY: demo test test-older-cpu clean
 
