@@ -50,7 +50,7 @@ def test_its_ends_lie_on_a_plane_where_they_are_seen() -> None:
 
 def test_two_points_stand_for_it_one_deviation_off_its_middle() -> None:
     group = edge()
-    first, last = group.ends().points_px
+    first, last = group.ends.points_px
     np.testing.assert_allclose((first + last) / 2, group.points_px.mean(axis=0))
     spread = np.sqrt(np.mean(np.sum((group.points_px - group.points_px.mean(axis=0)) ** 2, axis=1)))
     np.testing.assert_allclose(np.linalg.norm(last - first) / 2, spread)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class EdgeGroup:
         """The instance on its other side."""
         return self.instances[1] if self.instances[0] == instance else self.instances[0]
 
+    @cached_property
     def representatives_px(self) -> FloatArray:
         """(2, 2) the two points that stand for the edge: mean ± one standard deviation along it."""
         mean = self.points_px.mean(axis=0)
@@ -39,17 +41,28 @@ class EdgeGroup:
 
         Infinite for planes that coincide with it: instances that touch along an edge have two planes.
         """
-        center = self.camera.center_world
-        clearance = planes[:, :3] @ center + planes[:, 3]
-        neighbour_clearance = neighbour[:3] @ center + neighbour[3]
+        clearance = planes[:, :3] @ self._center + planes[:, 3]
+        neighbour_clearance = neighbour[:3] @ self._center + neighbour[3]
         through = clearance[:, None] * neighbour[:3] - neighbour_clearance * planes[:, :3]
         coplanar = np.linalg.norm(through, axis=1) <= _MIN_DIHEDRAL * np.maximum(
             abs(clearance), abs(neighbour_clearance)
         )
-        lines = through @ np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world)
+        lines = through @ self._line_by_normal
         length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
-        homogeneous = np.column_stack([self.points_px, np.ones(len(self.points_px))])
-        return np.where(coplanar[:, None], np.inf, (lines @ homogeneous.T) / length[:, None])
+        return np.where(coplanar[:, None], np.inf, (lines @ self._homogeneous.T) / length[:, None])
+
+    @cached_property
+    def _center(self) -> FloatArray:
+        return self.camera.center_world
+
+    @cached_property
+    def _line_by_normal(self) -> FloatArray:
+        """(3, 3) takes the normal of a plane through the camera's centre to its line in the image."""
+        return np.asarray(np.linalg.inv(self.camera.K @ self.camera.R_cam_from_world))
+
+    @cached_property
+    def _homogeneous(self) -> FloatArray:
+        return np.column_stack([self.points_px, np.ones(len(self.points_px))])
 
     def misfits_px(self, planes: FloatArray) -> FloatArray:
         """(P,) the same for the edge's own two of (S, 4) ``planes``."""
@@ -60,13 +73,17 @@ class EdgeGroup:
         """(P,) misfits as of an image of 640x480, up to ``FARTHEST_PX``."""
         return np.clip(misfits_px / self.camera.annotation_scale, -FARTHEST_PX, FARTHEST_PX)
 
+    @cached_property
     def ends(self) -> EdgeGroup:
         """The same edge as its two representatives."""
-        return replace(self, points_px=self.representatives_px())
+        return replace(self, points_px=self.representatives_px)
 
     def ends_on(self, plane: FloatArray) -> FloatArray:
         """(2, 3) points of the edge's two ends on one of its planes."""
-        rays = self.camera.rays_world(self.points_px[[0, -1]])
-        center = self.camera.center_world
-        depth = depth_on_plane(plane[:3] @ center + plane[3], rays @ plane[:3])
-        return center + depth[:, None] * rays
+        rays = self._end_rays
+        depth = depth_on_plane(plane[:3] @ self._center + plane[3], rays @ plane[:3])
+        return self._center + depth[:, None] * rays
+
+    @cached_property
+    def _end_rays(self) -> FloatArray:
+        return self.camera.rays_world(self.points_px[[0, -1]])

@@ -82,7 +82,7 @@ def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: Est
 
 
 def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
-    first, second = group.annotation_px(group.ends().misfits_px(planes))
+    first, second = group.annotation_px(group.ends.misfits_px(planes))
     shift, tilt = (first + second) / 2, (first - second) / 2
     squared = (shift / config.sigma_edge_shift_px) ** 2 + (tilt / config.sigma_edge_tilt_px) ** 2
     return float(cauchy_loss(squared, config.edge_cauchy))

@@ -31,7 +31,7 @@ def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfi
             noise = _cauchy(camera.annotation_scale * sigmas_px, config.edge_cauchy)
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
             keys = P(group.instances[0]), P(group.instances[1])
-            factors.append(edge_factor(keys, group.representatives_px(), projection, noise))
+            factors.append(edge_factor(keys, group.representatives_px, projection, noise))
     return factors
 
 
