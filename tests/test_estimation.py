@@ -21,7 +21,7 @@ from simulated.simulated_room import Room, as_multi, box_faces, look_at, make_ro
 from simulated.simulation import chosen, errors, make_tracks, measurements, nees, no_tracks, solve
 
 KEY_FRAMES = [2, 6, 10, 14, 18]
-EXACT = EstimationConfig(settled=0.0, relative_decrease=1e-9)
+EXACT = EstimationConfig(converged_below=0.0, relative_decrease=1e-9)
 """No early stop: how far rounding lets the solve get."""
 
 

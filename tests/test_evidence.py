@@ -34,7 +34,7 @@ def evidence_of(room: Room, tracks: Tracks, config: EstimationConfig) -> Evidenc
 def test_a_track_weighs_by_the_observations_that_the_graph_takes(room: Room, tracks: Tracks) -> None:
     observations = np.bincount(tracks.track)
     assert observations.min() < 6 < observations.max()
-    config = replace(EstimationConfig(), full_acceptance=1e-9, full_tracks=1e-9)
+    config = replace(EstimationConfig(), full_survival=1e-9, full_tracks=1e-9)
     weight = evidence_of(room, tracks, config).track_weight
     np.testing.assert_allclose(weight, np.minimum(1.0, 3.0 / np.minimum(observations, 6)))
 
@@ -46,7 +46,7 @@ def test_an_instance_is_trusted_by_the_share_of_its_points_that_could_be_followe
     for i, instance in enumerate(room.instances):
         kept, tried = followed(room.scene, few, instance)
         own = evidence.track_weight[evidence.track_instance == i]
-        np.testing.assert_allclose(own, min(kept / tried / config.full_acceptance, 1.0))
+        np.testing.assert_allclose(own, min(kept / tried / config.full_survival, 1.0))
         assert own.max() < 1.0
 
 

@@ -95,10 +95,10 @@ def drawn(
         points = rays.center[own] + rays.ray[own] / rays.rho[own, None]
         uv = (points - np.median(points, axis=0)) @ gtsam.Unit3(plane[:3]).basis()
         over = np.column_stack([np.ones(len(own)), uv / np.sqrt(np.mean(np.sum(uv**2, axis=1)))])
-        shared = surface * expected.shared_share * expected.relative_depth * rng.normal(size=3)
+        shared = surface * expected.shared_bias_ratio * expected.relative_depth * rng.normal(size=3)
         for k in np.unique(truth.tracks.key_frame[own]):
             here = truth.tracks.key_frame[own] == k
-            of_frame = surface * np.hypot(expected.relative_depth, expected.of_track * RELATIVE_SIGMA)
+            of_frame = surface * np.hypot(expected.relative_depth, expected.share_of_track_sigma * RELATIVE_SIGMA)
             rho[own[here]] *= 1 + over[here] @ (shared + of_frame * rng.normal(size=3))
         many = np.sqrt(np.maximum(observations[own] / config.independent_observations, 1.0))
         relief = config.sigma_relief * np.median(rays.rho[own])

@@ -25,7 +25,7 @@ class InitializationConfig:
     track whose depth is known exactly counts fully."""
     placed_contact_tracks: float = 3.0
     """Weight, in tracks, of a contact edge with an instance that is already placed, in the same order."""
-    anchors: int = 20
+    parallel_points: int = 20
     """Tracks of an instance through which planes parallel to others are tried."""
     track_cutoff: float = 3.0
     """A track that is off by more σ is an outlier."""
@@ -53,11 +53,11 @@ class UncertaintyConfig:
 
     relative_depth: float = 0.006
     """Relative error of depth that all points of an instance in one key frame share."""
-    of_track: float = 0.3
+    share_of_track_sigma: float = 0.3
     """Share of the σ of the tracks there that is added to it: at small parallax errors of cameras have more effect."""
-    shared_share: float = 1.4
+    shared_bias_ratio: float = 1.4
     """Error that all key frames of an instance share, as a multiple of that of one key frame."""
-    least_trust: float = 0.01
+    min_trust: float = 0.01
     """Lower limit of the trust in an instance, which is the share of its points that could be followed."""
     student_freedom: float = 8.0
     """Degrees of freedom of the Student t distribution of all errors."""
@@ -94,9 +94,9 @@ class EstimationConfig:
     """A track counts as at most this many independent observations."""
     track_cauchy: float = 1.0
     """Robust scale of a whole track, in σ, or in the standard deviation of its instance's residuals if that is less."""
-    least_spread: float = 0.3
+    min_spread: float = 0.3
     """Least standard deviation of an instance's residuals that counts in ``track_cauchy``, in σ."""
-    full_acceptance: float = 0.4
+    full_survival: float = 0.4
     """An instance is trusted fully from this share of surviving points on. Glossy ones keep 0.02."""
     full_tracks: float = 20.0
     """Number of tracks from which on an instance is trusted fully."""
@@ -147,16 +147,17 @@ class EstimationConfig:
     """Most Levenberg-Marquardt iterations per round."""
     relative_decrease: float = 2e-3
     """A round ends when an iteration lowers the cost by less than this share."""
-    settled: float = 1e-4
+    converged_below: float = 1e-4
     """Re-weighting ends when no coefficient of a plane moves by more."""
     max_cost_growth: float = 0.25
-    """A solve has failed when its planes cost more than the start's by this share and ``max_plane_growth`` together.
-    On real clips and synthetic rooms the growth is .05 at most."""
+    """A solve has failed when its planes cost more than the start's by this share and ``max_plane_cost_growth``
+    together. On real clips and synthetic rooms the growth is .05 at most."""
     max_moved_share: float = 0.3
-    """A solve has also failed when it moves a plane by this share of its depth and ``max_plane_growth`` is exceeded."""
-    max_plane_growth: float = 10.0
+    """A solve has also failed when it moves a plane by this share of its depth and exceeds
+    ``max_plane_cost_growth``."""
+    max_plane_cost_growth: float = 10.0
     """Growth of the cost of one plane, a negative log-likelihood. The usual growth is 5 at most."""
     min_moved_share: float = 0.2
     """Least share of tracks with parallax. Below it the camera does not move enough to solve."""
-    unobservable_depth: float = 5.0
+    unobservable_sigma_ratio: float = 5.0
     """A plane whose σ of depth is more than this share of the depth is called unobservable."""

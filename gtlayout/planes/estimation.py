@@ -108,8 +108,8 @@ def led_astray(evidence: Evidence, start: FloatArray, planes: FloatArray, config
     before, after = (cost_of(evidence, at, config) for at in (start, planes))
     growth = after.by_instance - before.by_instance
     moved = np.array([_moved(evidence.views[s], start[s], planes[s]) for s in range(len(planes))])
-    thrown = (growth > config.max_plane_growth) & (moved > config.max_moved_share)
-    if not thrown.any() and after.total > (1 + config.max_cost_growth) * before.total + config.max_plane_growth:
+    thrown = (growth > config.max_plane_cost_growth) & (moved > config.max_moved_share)
+    if not thrown.any() and after.total > (1 + config.max_cost_growth) * before.total + config.max_plane_cost_growth:
         thrown = growth == np.nanmax(growth)
     return tuple(np.nonzero(thrown)[0].tolist())
 
@@ -160,7 +160,7 @@ def _notes(planes: FloatArray, covariance: FloatArray, views: Sequence[Views], c
         own = slice(4 * s, 4 * s + 4)
         if not np.isfinite(plane).all():
             notes.append("no track and no contact edge places it")
-        elif not _relative_depth_sigma(plane, covariance[own, own], views[s]) < config.unobservable_depth:
+        elif not _relative_depth_sigma(plane, covariance[own, own], views[s]) < config.unobservable_sigma_ratio:
             notes.append("nothing but weak priors determines it")
         else:
             notes.append("")

@@ -152,12 +152,12 @@ def _trust(
     trusted by the share of its points that survive.
     """
     kept, tried = np.array([followed(scene, tracks, instance) for instance in instances]).T
-    acceptance = np.minimum(kept / np.maximum(tried, 1) / config.full_acceptance, 1.0)
+    survival = np.minimum(kept / np.maximum(tried, 1) / config.full_survival, 1.0)
     plenty = np.minimum(kept / config.full_tracks, 1.0)
     observations = np.bincount(tracks.track, minlength=len(tracks))
     # The graph has at most this many observations of a track. They share the errors of tracking and of the cameras.
     length = np.minimum(1.0, config.independent_observations / np.minimum(observations, config.max_observations))
-    weight: FloatArray = length * np.where(track_instance >= 0, (acceptance * plenty)[track_instance], 0.0)
+    weight: FloatArray = length * np.where(track_instance >= 0, (survival * plenty)[track_instance], 0.0)
     return weight
 
 

@@ -70,7 +70,7 @@ def optimise_graph(
         landmarks[:] = np.nan
         for n in np.nonzero(used)[0]:
             landmarks[n] = values.atPoint3(L(int(n)))
-        if looseness == 1.0 and np.abs(planes - before)[placed].max() < config.settled:
+        if looseness == 1.0 and np.abs(planes - before)[placed].max() < config.converged_below:
             break
     return Optimum(planes, landmarks, robust, tuple(costs), tuple(history))
 
@@ -99,7 +99,7 @@ def _spread(residual: FloatArray, config: EstimationConfig) -> float:
     """
     if len(residual) < config.full_tracks:
         return 1.0
-    return float(np.clip(1.4826 * np.median(np.abs(residual)), config.least_spread, 1.0))
+    return float(np.clip(1.4826 * np.median(np.abs(residual)), config.min_spread, 1.0))
 
 
 def _track_factors(

@@ -147,7 +147,7 @@ class _Search:
             candidates.append(_through_points(a, b, c))
         if len(points) or lines:
             # A ceiling over a floor, a wall along another: the same normal, through any known point of it.
-            anchors = np.concatenate([points[: self.config.anchors], *lines])
+            anchors = np.concatenate([points[: self.config.parallel_points], *lines])
             alike = evidence.level if evidence.level[instance] else evidence.wall & evidence.wall[instance]
             for normal in planes[alike & placed, :3]:
                 candidates.append(np.column_stack([np.tile(normal, (len(anchors), 1)), -anchors @ normal]))

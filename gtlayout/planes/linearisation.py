@@ -60,7 +60,7 @@ def _add_tracks(
     if len(index) == 0:
         return
     # Surfaces of which few points survive (mirrors, gloss) are off by more.
-    trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.least_trust))
+    trust = np.sqrt(max(float(evidence.track_weight[index].max()), expected.min_trust))
     over = np.column_stack([np.ones(len(index)), _over_plane(points, plane)])
     rays = evidence.rays
     raw = rays.sigma_rho[index] * depth
@@ -68,11 +68,11 @@ def _add_tracks(
     sigma = raw * np.sqrt(np.maximum(observations[index] / config.independent_observations, 1.0))
     sigma = np.hypot(sigma, config.sigma_relief / np.median(depth))
     point, isotropic = np.zeros(3), gtsam.noiseModel.Isotropic.Sigma
-    shared = isotropic(3, expected.shared_share * expected.relative_depth / trust)
+    shared = isotropic(3, expected.shared_bias_ratio * expected.relative_depth / trust)
     system.add_branch(S(s), point, P(s))
     system.add([gtsam.PriorFactorPoint3(S(s), point, shared)], SHARED_DEPTH)
     _, group = np.unique(evidence.track_key_frame[index], return_inverse=True)
-    biases = np.hypot(expected.relative_depth, expected.of_track * _medians(raw, group)) / trust
+    biases = np.hypot(expected.relative_depth, expected.share_of_track_sigma * _medians(raw, group)) / trust
     for number, bias in enumerate(biases.tolist()):
         here = group == number
         key = B(len(system.leaves))

@@ -38,7 +38,7 @@ class Canonical:
     scene: Scene
     """The same K key frames; possibly fewer frames."""
     similarity: Similarity
-    twins: tuple[int, ...]
+    same_camera_as: tuple[int, ...]
     """Of each given frame the given frame that stands for it here: itself, or one with the same camera."""
     elements: tuple[tuple[int, ...], ...]
     """Per key frame the index, in the given scene, of each element."""
@@ -63,7 +63,7 @@ class Canonical:
         return replace(
             tracks,
             element=element[offset[tracks.key_frame] + tracks.element],
-            frame=np.unique(self.twins)[tracks.frame],
+            frame=np.unique(self.same_camera_as)[tracks.frame],
             tried=tuple(
                 tried[np.argsort(np.array(order, dtype=np.int64))]
                 for tried, order in zip(tracks.tried, self.elements, strict=True)
@@ -72,7 +72,7 @@ class Canonical:
 
     def given_cameras(self, scene: Scene) -> Scene:
         """The given scene with the cameras of a canonical ``scene``."""
-        numbers = np.searchsorted(np.unique(self.twins), self.twins)
+        numbers = np.searchsorted(np.unique(self.same_camera_as), self.same_camera_as)
         frames = tuple(
             replace(frame, camera=self.similarity.camera_to_world(scene.frames[number].camera))
             for frame, number in zip(self.given.frames, numbers, strict=True)
@@ -83,8 +83,8 @@ class Canonical:
 def canonical(scene: Scene) -> Canonical:
     """The canonical form of a scene that has key frames."""
     similarity = _similarity(scene)
-    twins = _twins(scene)
-    kept = sorted(set(twins))
+    same_camera_as = _same_camera_as(scene)
+    kept = sorted(set(same_camera_as))
     cameras = [similarity.camera(scene.frames[f].camera) for f in kept]
     if camera_path(scene) == 0.0:
         # A path of zero length up to rounding must stay zero.
@@ -98,7 +98,7 @@ def canonical(scene: Scene) -> Canonical:
         key_frames.append(KeyFrame(kept.index(key_frame.frame), tuple(elements[e] for e in order), tuple(edges)))
         orders.append(tuple(order))
     form = replace(scene, frames=frames, key_frames=tuple(key_frames))
-    return Canonical(scene, form, similarity, twins, tuple(orders))
+    return Canonical(scene, form, similarity, same_camera_as, tuple(orders))
 
 
 def _similarity(scene: Scene) -> Similarity:
@@ -110,7 +110,7 @@ def _similarity(scene: Scene) -> Similarity:
     return Similarity(R, (low + high) / 2 @ R, 1 / path)
 
 
-def _twins(scene: Scene) -> tuple[int, ...]:
+def _same_camera_as(scene: Scene) -> tuple[int, ...]:
     """Of each frame the one that stands for it: of frames in a row with one camera the first, or the annotated ones."""
     annotated = {key_frame.frame for key_frame in scene.key_frames}
     least = _SAME * camera_path(scene)
@@ -120,11 +120,11 @@ def _twins(scene: Scene) -> tuple[int, ...]:
             runs[-1].append(f)
         else:
             runs.append([f])
-    twins = []
+    same_camera_as = []
     for run in runs:
         first = next((f for f in run if f in annotated), run[0])
-        twins += [f if f in annotated else first for f in run]
-    return tuple(twins)
+        same_camera_as += [f if f in annotated else first for f in run]
+    return tuple(same_camera_as)
 
 
 def _same(a: Camera, b: Camera, least: float) -> bool:

@@ -67,7 +67,7 @@ def refine_cameras(
     given_cost, given_px = _misfit(scene, tracks, rays, held_out)
     best_cost, best_px, prior_scale = given_cost, given_px, 0.0
     min_gain = config.min_gain
-    for tried in (1.0, *config.looser):
+    for tried in (1.0, *config.looser_factors):
         trial = _adjusted(scene, tracks, rays, fitted, tried, config)
         cost, px = _misfit(trial, tracks, triangulate(trial, tracks, triangulation), held_out)
         if cost > (1 - min_gain) * best_cost:

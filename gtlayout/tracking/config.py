@@ -38,7 +38,7 @@ class TrackingConfig:
     """Pyramid levels above the full image."""
     max_forward_backward_px: float = 0.7
     """Largest distance from its start to which a point may come back."""
-    max_anchor_shift_px: float = 4.0
+    max_patch_shift_px: float = 4.0
     """Largest correction of a position by the key frame's own patch."""
     patch_px: int = 15
     """Size of the patch that is compared with the key frame's."""
@@ -66,7 +66,7 @@ class CameraRefinementConfig:
     """How far the given rotations are trusted, about each axis."""
     sigma_position: float = 0.005
     """How far the given camera centres are trusted, along each axis."""
-    looser: tuple[float, ...] = (4.0,)
+    looser_factors: tuple[float, ...] = (4.0,)
     """Factors on both, tried in turn where the tracks show that the given poses are worse."""
     sigma_factor: float = 3.0
     """Factor on the σ of an observation: the errors of a track come from one patch, so they are not independent."""

@@ -54,7 +54,9 @@ def follow(
         moved, ok = tracker(_warp(image, turn, next_camera), next_image, source_px, source_px + parallax)
         key_turn = infinite_homography(key_camera, next_camera)
         anchor_px = _apply(key_turn, start_px[alive])
-        anchored, anchor_ok = _re_anchor(_warp(key_image, key_turn, next_camera), next_image, anchor_px, moved, config)
+        anchored, anchor_ok = _match_key_patch(
+            _warp(key_image, key_turn, next_camera), next_image, anchor_px, moved, config
+        )
         ok &= anchor_ok & _inside(anchored, next_camera, config.border_px)
         alive, position = alive[ok], anchored[ok]
         depths.add(alive, next_camera, position)
@@ -96,12 +98,12 @@ class _InverseDepth:
         return (direction + rho[:, None] * shift) @ camera.K.T
 
 
-def _re_anchor(
+def _match_key_patch(
     key_image: ImageArray, image: ImageArray, anchor_px: FloatArray, moved_px: FloatArray, config: TrackingConfig
 ) -> tuple[FloatArray, BoolArray]:
     """Refine positions against the key frame's own patch (already turned into this view)."""
     refined, found = lucas_kanade(key_image, image, anchor_px, moved_px, config.window_px, 0)
-    ok = found & (np.linalg.norm(refined - moved_px, axis=1) < config.max_anchor_shift_px)
+    ok = found & (np.linalg.norm(refined - moved_px, axis=1) < config.max_patch_shift_px)
     ok[ok] = _correlation(key_image, image, anchor_px[ok], refined[ok], config.patch_px) > config.min_correlation
     return refined, ok
 
