@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gtlayout.edges import ContactEdge
+from gtlayout.planes import contacts
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.contacts import _disagreeing, start_without_wrong_contacts
 from gtlayout.planes.evidence import Evidence, gather
@@ -130,3 +131,57 @@ def test_a_contact_is_only_kept_blindly_where_it_is_all_there_is(room: Room, hos
     dropped = _disagreeing(evidence, planes, CONFIG)
     assert ((min(partition, floor), max(partition, floor)) in dropped) == hosted
     assert pairs(kept) == pairs(evidence)
+
+
+def beside(edge: ContactEdge, shift_px: float) -> ContactEdge:
+    """The edge, drawn that far beside its place."""
+    along = edge.points_px[-1] - edge.points_px[0]
+    return replace(edge, points_px=edge.points_px + shift_px * np.array([-along[1], along[0]]) / np.linalg.norm(along))
+
+
+def test_a_contact_comes_back_once_it_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first start has a wall 1 m off, so that all its contacts go. In the next, its edge with the floor is 3 px off
+    and comes back; that with the ceiling is 8 px off: not wrong by itself, but not good enough to be taken back.
+    """
+    room = make_room(orbit(), [2, 6, 10, 14, 18])
+    floor, ceiling, wall = named(room, "floor_0", "ceiling_1", "wall_5")
+    off_px = {frozenset({floor, wall}): 3.0, frozenset({ceiling, wall}): 8.0}
+    edges = [beside(edge, off_px.get(frozenset(edge.instances), 0.0)) for edge in true_edges(room)]
+    measured = measurements(room, make_tracks(room, np.random.default_rng(0)), edges)
+    local = Normalisation.of(measured.rays)
+    evidence = gather(measured, local, CONFIG)
+    right = room.planes.copy()
+    right[:, 3] = local.scale * (right[:, 3] + right[:, :3] @ local.origin)
+    wrong = right.copy()
+    wrong[wall, 3] += local.scale
+    starts = [wrong, right, right]
+    monkeypatch.setattr(contacts, "best_start", lambda *_: starts.pop(0))
+    monkeypatch.setattr(contacts, "polish", lambda _, planes, __: planes)
+    kept, _ = start_without_wrong_contacts(evidence, CONFIG, 0)
+    gone = {frozenset(edge.instances) for edge in evidence.edges} - {frozenset(edge.instances) for edge in kept.edges}
+    assert gone == {frozenset({ceiling, wall})}
+    assert not starts
+
+
+def test_nothing_is_said_of_pairs_without_a_plane(room: Room) -> None:
+    measured = measurements(room, make_tracks(room, np.random.default_rng(0)))
+    local = Normalisation.of(measured.rays)
+    evidence = gather(measured, local, CONFIG)
+    planes = room.planes.copy()
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
+    for nowhere in (0, 2):
+        some = planes.copy()
+        some[nowhere] = np.nan
+        pairs = contacts._misfits_px(evidence, some)
+        assert pairs
+        assert not any(nowhere in pair for pair in pairs)
+        assert max(pairs.values()) < 1e-6
+
+
+def test_tracks_that_weigh_nothing_are_no_evidence(room: Room) -> None:
+    measured = measurements(room, make_tracks(room, np.random.default_rng(0)))
+    evidence = gather(measured, Normalisation.of(measured.rays), CONFIG)
+    (first, *_) = evidence.edges
+    alone = replace(evidence, edges=(first,))
+    assert not contacts._all_there_is(alone, first.instances)
+    assert contacts._all_there_is(replace(alone, track_weight=np.zeros_like(alone.track_weight)), first.instances)

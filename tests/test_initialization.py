@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from gtlayout.edges import ContactEdge
-from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes import initialization
+from gtlayout.planes.config import EstimationConfig, InitializationConfig
 from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.planes.initialization import face_cameras, initial_planes
 from gtlayout.planes.views import Views
@@ -156,3 +157,17 @@ def joined(a: Tracks, b: Tracks) -> Tracks:
         np.concatenate([a.sigma_px, b.sigma_px]),
         a.tried,
     )
+
+
+def test_of_many_tracks_so_many_take_part(room: Room) -> None:
+    evidence, _ = collect(room, make_tracks(room, np.random.default_rng(0)), true_edges(room))
+    own = np.nonzero(evidence.track_instance == 2)[0]
+    for most in (1, 7, len(own) - 1, len(own), len(own) + 1):
+        search = initialization._Search(
+            evidence, (0.1, 30.0), replace(InitializationConfig(), max_tracks=most), np.random.default_rng(0)
+        )
+        part = search._take_part(2)
+        assert len(part) <= most
+        assert set(part) <= set(own)
+        assert len(part) == len(own) or most < len(own)
+        assert len(part) > most / 2 - 1

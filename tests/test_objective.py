@@ -250,3 +250,23 @@ def at_infinity(room: Room, tracks: Tracks, far: BoolArray) -> FloatArray:
         turns = [infinite_homography(cameras[key], cameras[f]) @ start for f in tracks.frame[own]]
         points_px[own] = [turn[:2] / turn[2] for turn in turns]
     return points_px
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_however_many_walls_there_are_the_others_count_as_one(count: int) -> None:
+    """One wall is turned by .1 radians: the sum over its pairs is that of two pairs, shared among the others."""
+    room = make_room(orbit(), KEY_FRAMES)
+    evidence, truth, _ = known(room, make_tracks(room, rng(), sigma_px=0.0))
+    some = [i for i, instance in enumerate(room.instances) if instance.label == "wall"][:count]
+    wall = np.isin(np.arange(len(room.instances)), some)
+    bare = replace(
+        evidence,
+        edges=(),
+        track_instance=np.full_like(evidence.track_instance, -1),
+        wall=wall,
+        perpendicular=np.zeros_like(evidence.perpendicular),
+    )
+    turned_planes = turned(truth, some[0], np.rad2deg(0.1), np.zeros(3))
+    before, after = (cost_of(bare, planes, CONFIG).total for planes in (truth, turned_planes))
+    odd = (np.sin(0.1) / CONFIG.sigma_perpendicularity) ** 2
+    assert after - before == pytest.approx(2 * float(cauchy_loss(np.array(odd), CONFIG.right_angle_cauchy)), rel=1e-3)
