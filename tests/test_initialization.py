@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -171,3 +172,68 @@ def test_of_many_tracks_so_many_take_part(room: Room) -> None:
         assert set(part) <= set(own)
         assert len(part) == len(own) or most < len(own)
         assert len(part) > most / 2 - 1
+
+
+def cost(room: Room, evidence: Evidence, hypothesis: FloatArray, planes: FloatArray, **weights: Any) -> float:
+    """Of the wall 0 at a hypothesis, with only these weights of the costs."""
+    none: dict[str, Any] = dict.fromkeys(
+        ("edge_weight", "perpendicularity_weight", "manhattan_weight", "max_track_weight"), 0.0
+    )
+    config = replace(InitializationConfig(), **{**none, "usual_depth_weight": 0.0, "absurd_weight": 0.0, **weights})
+    search = initialization._Search(evidence, (0.15, 30.0), config, np.random.default_rng(0))
+    index = search._take_part(0)
+    return float(search._cost(0, index, hypothesis[None], planes)[0])
+
+
+def local_planes(room: Room, local: Normalisation) -> FloatArray:
+    planes = room.planes.copy()
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
+    return planes
+
+
+def test_every_cost_is_what_it_says(room: Room) -> None:
+    evidence, local = collect(room, make_tracks(room, np.random.default_rng(0)), true_edges(room))
+    planes = local_planes(room, local)
+    wall = planes[0]
+    assert evidence.wall[0]
+    others = planes.copy()
+    others[0] = np.nan
+    labels = [instance.label for instance in room.instances]
+    level = sum(label in ("floor", "ceiling") for label in labels)
+    # Right angles with floors and ceilings: a wall that leans by .1 radians costs (sin .1 / .15)² of each.
+    up = np.array([0.0, 0.0, 1.0])
+    leaning = np.append(np.cos(0.1) * wall[:3] + np.sin(0.1) * up, wall[3])
+    expected = 10.0 * level * (np.sin(0.1) / 0.15) ** 2
+    assert cost(room, evidence, leaning, others, perpendicularity_weight=10.0) == pytest.approx(expected)
+    flat = np.append(up, wall[3])
+    assert cost(room, evidence, flat, others, perpendicularity_weight=10.0) == pytest.approx(10.0 * level)
+    # Other walls: at right angles or parallel nothing, odd ones up to one in the mean.
+    assert cost(room, evidence, wall, others, manhattan_weight=2.0) == pytest.approx(0.0, abs=1e-9)
+    odd = np.append(np.cos(0.5) * wall[:3] + np.sin(0.5) * np.cross(up, wall[:3]), wall[3])
+    assert cost(room, evidence, odd, others, manhattan_weight=2.0) == pytest.approx(2.0)
+    slight = np.append(np.cos(0.05) * wall[:3] + np.sin(0.05) * np.cross(up, wall[:3]), wall[3])
+    expected = 2.0 * (np.sin(0.05) / 0.15) ** 2
+    assert cost(room, evidence, slight, others, manhattan_weight=2.0) == pytest.approx(expected, rel=1e-6)
+    # Depths: behind the cameras everywhere is absurd.
+    behind = np.append(wall[:3], -100.0)
+    assert cost(room, evidence, behind, others, absurd_weight=5.0) == pytest.approx(5.0)
+    assert cost(room, evidence, wall, others, absurd_weight=5.0) == 0.0
+
+
+def test_tracks_cost_their_share_that_lies_off_and_no_more_than_so_many(room: Room) -> None:
+    evidence, local = collect(room, make_tracks(room, np.random.default_rng(0)), true_edges(room))
+    planes = local_planes(room, local)
+    nowhere = np.full_like(planes, np.nan)
+    far = planes[0] * [1, 1, 1, 50.0]
+    assert cost(room, evidence, far, nowhere, max_track_weight=60.0) == pytest.approx(60.0)
+    assert cost(room, evidence, far, nowhere, max_track_weight=5.0) == pytest.approx(5.0)
+    assert cost(room, evidence, planes[0], nowhere, max_track_weight=60.0) < 10.0
+
+
+def test_planes_through_points_are_nan_where_these_lie_on_a_line() -> None:
+    a, b = np.array([[0.0, 0, 5], [0, 0, 5]]), np.array([[1.0, 0, 5], [1, 0, 5]])
+    c = np.array([[0.0, 2, 5], [3, 0, 5]])
+    plane, none = initialization._through_points(a, b, c)
+    np.testing.assert_allclose(np.abs(plane), [0, 0, 1, 5])
+    assert plane[2] * 5 + plane[3] == 0.0
+    assert np.isnan(none).all()

@@ -88,3 +88,23 @@ def test_biases_are_larger_the_less_an_instance_is_trusted_down_to_a_limit(
     assert shared == pytest.approx(1.4 * 0.006 / trust)
     expected = [np.hypot(0.006, 0.3 * np.median(raw[key_frame == k])) / trust for k in range(3)]
     np.testing.assert_allclose(own, expected)
+
+
+def test_rows_of_tracks_are_relative_errors_of_depth(room: Room, tracks: Tracks) -> None:
+    """Target: how much deeper than its plane a track is, as a share of the depth, in σ."""
+    linear, evidence, depth = system_of_one_wall(room, tracks)
+    family = np.repeat(linear.family, linear.size)
+    index = np.nonzero((evidence.track_instance == WALL) & (evidence.track_weight > 0))[0]
+    by_key_frame = np.argsort(evidence.track_key_frame[index], kind="stable")
+    relative = (evidence.rays.rho[index] * depth - 1)[by_key_frame]
+    np.testing.assert_allclose(-linear.target[family == TRACK] * track_sigmas(linear), relative, rtol=1e-6, atol=1e-9)
+
+
+def test_biases_vary_over_the_plane_from_its_middle_in_units_of_the_spread(room: Room, tracks: Tracks) -> None:
+    linear, _, _ = system_of_one_wall(room, tracks)
+    family = np.repeat(linear.family, linear.size)
+    over = linear.rows.jacobian[family == TRACK, 1] * track_sigmas(linear)[:, None]
+    over *= np.sign(over[:, :1])
+    np.testing.assert_allclose(over[:, 0], 1.0)
+    np.testing.assert_allclose(np.median(over[:, 1:], axis=0), 0.0, atol=0.05)
+    assert np.mean(np.sum(over[:, 1:] ** 2, axis=1)) == pytest.approx(1.0)
