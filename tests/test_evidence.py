@@ -10,6 +10,7 @@ from shapely import MultiPolygon
 
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.evidence import Evidence, followed, gather
+from gtlayout.planes.graph import track_weights
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from simulated.simulated_room import Room, make_room, orbit
@@ -80,3 +81,34 @@ def test_points_count_on_visible_parts_only_where_there_are_some(room: Room, tra
     assert followed(scene, tracks, instance) == (kept - int(np.count_nonzero(own)), tried - int(tracks.tried[k][e]))
     nowhere = replace(instance, members=((k, e),))
     assert followed(scene, tracks, nowhere) == (int(np.count_nonzero(own)), int(tracks.tried[k][e]))
+
+
+def test_tracks_of_an_instance_in_one_key_frame_weigh_so_much_together(room: Room, tracks: Tracks) -> None:
+    measured = measurements(room, tracks)
+    local = Normalisation.of(measured.rays)
+    planes = room.planes.copy()
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
+    for most in (0.5, 4.0, 1e9):
+        config = replace(EstimationConfig(), max_track_weight=most)
+        evidence = gather(measured, local, config)
+        robust, weight = track_weights(evidence, planes, config)
+        own = robust * evidence.track_weight
+        for i in range(len(room.instances)):
+            for k in range(3):
+                together = (evidence.track_instance == i) & (evidence.track_key_frame == k)
+                expected = own[together] * min(1.0, most / max(own[together].sum(), 1e-9))
+                np.testing.assert_allclose(weight[together], expected)
+
+
+def test_the_tracks_of_a_plane_that_is_nowhere_have_no_weight(room: Room, tracks: Tracks) -> None:
+    measured = measurements(room, tracks)
+    local = Normalisation.of(measured.rays)
+    planes = room.planes.copy()
+    planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
+    planes[1] = np.nan
+    evidence = gather(measured, local, EstimationConfig())
+    robust, weight = track_weights(evidence, planes, EstimationConfig())
+    nowhere = evidence.track_instance == 1
+    assert nowhere.any()
+    assert not robust[nowhere].any() and not weight[nowhere].any()
+    assert (robust[evidence.track_instance == 0] > 0.5).any()
