@@ -323,7 +323,7 @@ def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> No
     assert "worst element ceiling_1 = e1 in 0.png" in line
     assert f"; σ of depth {100 * quality.sigma_depth_share:.1f} % (predicted doubtful). " in line
     assert reasons(layout, quality)[:2] == [
-        "floor_0 is weak: thin; depth uncertain by more than 3 % "
+        "floor_0 is weak: depth uncertain by more than 3 % "
         "(mostly contact edges hold it, seen under 1.2° of parallax, held by 17 tracks)",
         "ceiling_1 is unobservable: no track places it (no point on it could be tracked, no contact edge)",
     ]
