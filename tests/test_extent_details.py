@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import rooms
 import shapely
 from shapely import MultiPolygon, Polygon, box
+from shapely.geometry.base import BaseGeometry
 
 from gtlayout.edges import ContactEdge, EdgeConfig, contact_edges
 from gtlayout.extent.config import ExtentConfig
@@ -100,6 +102,27 @@ def test_a_wall_votes_about_its_own_door_whatever_is_known_of_it() -> None:
     assert_same(in_world(leaf_extent, (0, 2)), box(1.5, 0, 2.5, 2.0))
 
 
+def floor_and_far_wall_meet(x: FloatArray) -> dict[tuple[int, int], BaseGeometry]:
+    """The contact of floor and far wall, sampled at these x, on both."""
+    surfaces = (rooms.FLOOR, rooms.FAR)
+    foot = np.column_stack([x, np.full(len(x), 5.0), np.zeros(len(x))])
+    return unproject_edges(
+        rooms.seen_from([CAMERA], surfaces),
+        rooms.instances_of(surfaces, 1),
+        [surface.plane for surface in surfaces],
+        [surface.extent.frame for surface in surfaces],
+        [ContactEdge(0, (0, 1), CAMERA.project(foot)[0])],
+        np.inf,
+        ExtentConfig(),
+    )
+
+
+def far_wall(scene: Scene, edges: Sequence[ContactEdge], planes: Sequence[Plane] | None = None) -> Extent:
+    """Of the room's surfaces, on their own planes unless others are given."""
+    planes = planes or [surface.plane for surface in SEEN]
+    return compute_extents(scene, rooms.instances_of(SEEN, 1), planes, edges, ExtentConfig())[FAR]
+
+
 def tongued() -> tuple[Scene, tuple[ContactEdge, ...]]:
     """The far wall with a tongue that reaches 3 m beyond the left wall, .2 m high: 5.7 % of all."""
     wide = rooms.level_camera(MIDDLE, focal=40.0)
@@ -113,8 +136,7 @@ def tongued() -> tuple[Scene, tuple[ContactEdge, ...]]:
 
 def test_what_pokes_through_goes_to_its_end() -> None:
     scene, edges = tongued()
-    planes = [surface.plane for surface in SEEN]
-    far = compute_extents(scene, rooms.instances_of(SEEN, 1), planes, edges, ExtentConfig())[FAR]
+    far = far_wall(scene, edges)
     assert far.unrefined.area == pytest.approx(10.6, abs=1e-3)
     assert_same(in_world(far, (0, 2)), box(0, 0, 4, 2.5))
 
@@ -131,8 +153,7 @@ def test_a_piece_goes_whole_when_most_of_it_is_alongside(seen: tuple[float, floa
     scene = rooms.redraw(rooms.seen_from([wide], SEEN), 0, FAR, rooms.draw(corners, wide))
     foot = np.column_stack([np.full(20, -0.3), np.full(20, rooms.DEPTH_M), np.linspace(*seen, 20)])
     edge = ContactEdge(0, (LEFT, FAR), wide.project(foot)[0])
-    planes = [surface.plane for surface in SEEN]
-    far = compute_extents(scene, rooms.instances_of(SEEN, 1), planes, [edge], ExtentConfig())[FAR]
+    far = far_wall(scene, [edge])
     assert_same(in_world(far, (0, 2)), left)
 
 
@@ -164,19 +185,8 @@ def test_contacts_hold_both_ways_and_a_doors_for_its_wall() -> None:
 
 
 def test_a_hidden_part_of_a_contact_is_no_contact() -> None:
-    surfaces = (rooms.FLOOR, rooms.FAR)
-    scene, instances = rooms.seen_from([CAMERA], surfaces), rooms.instances_of(surfaces, 1)
     x = np.concatenate([np.linspace(0.5, 1.0, 11), np.linspace(3.0, 3.5, 11)])
-    foot = np.column_stack([x, np.full(22, 5.0), np.zeros(22)])
-    lines = unproject_edges(
-        scene,
-        instances,
-        [surface.plane for surface in surfaces],
-        [surface.extent.frame for surface in surfaces],
-        [ContactEdge(0, (0, 1), CAMERA.project(foot)[0])],
-        np.inf,
-        ExtentConfig(),
-    )
+    lines = floor_and_far_wall_meet(x)
     assert lines[0, 1].length == pytest.approx(1.0)
     assert len(lines[0, 1].geoms) == 2
 
@@ -227,8 +237,7 @@ def test_every_gap_is_measured_by_what_was_drawn(right_share: float, closed: boo
     """Two gaps, of 5 % and so much of what is drawn: closing the first does not make room for the second."""
     drawn_m = rooms.WIDTH_M / (1 + 0.05 + right_share)
     scene, edges = far_wall_short_of(0.05 * drawn_m, right_share * drawn_m)
-    planes = [surface.plane for surface in SEEN]
-    far = compute_extents(scene, rooms.instances_of(SEEN, 1), planes, edges, ExtentConfig())[FAR]
+    far = far_wall(scene, edges)
     assert_same(in_world(far, (0, 2)), box(0, 0, 4.0 if closed else 1.05 * drawn_m, 2.5))
 
 
@@ -237,27 +246,15 @@ def test_a_gap_is_closed_along_its_contact_and_no_farther() -> None:
     scene, _ = far_wall_short_of(0.2, 0.0)
     foot = np.column_stack([np.full(20, 0.1), np.full(20, rooms.DEPTH_M), np.linspace(0, 1.25, 20)])
     edge = ContactEdge(0, (LEFT, FAR), CAMERA.project(foot)[0])
-    planes = [surface.plane for surface in SEEN]
-    far = compute_extents(scene, rooms.instances_of(SEEN, 1), planes, [edge], ExtentConfig())[FAR]
+    far = far_wall(scene, [edge])
     grown = in_world(far, (0, 2)).difference(box(0.2, 0, 4, 2.5))
     assert grown.area == pytest.approx(0.2 * (1.25 + np.sqrt(0.2**2 - 0.1**2)), rel=0.01)
 
 
 @pytest.mark.parametrize("samples", [1, 2])
 def test_a_sample_by_itself_is_no_contact(samples: int) -> None:
-    surfaces = (rooms.FLOOR, rooms.FAR)
-    scene, instances = rooms.seen_from([CAMERA], surfaces), rooms.instances_of(surfaces, 1)
     x = np.array([0.5, *np.linspace(2.0, 2.5, 11)]) if samples == 2 else np.array([0.5])
-    foot = np.column_stack([x, np.full(len(x), 5.0), np.zeros(len(x))])
-    lines = unproject_edges(
-        scene,
-        instances,
-        [surface.plane for surface in surfaces],
-        [surface.extent.frame for surface in surfaces],
-        [ContactEdge(0, (0, 1), CAMERA.project(foot)[0])],
-        np.inf,
-        ExtentConfig(),
-    )
+    lines = floor_and_far_wall_meet(x)
     assert sum(line.length for line in lines.values()) == pytest.approx(1.0 if samples == 2 else 0.0)
 
 
