@@ -184,7 +184,7 @@ def time_estimation(prepared: Prepared, repeats: int) -> list[Metric]:
 def time_marginals(key_frames: int, repeats: int) -> list[Metric]:
     """Shortest times of the scales of the errors and of the planes' covariance, both at the true planes.
 
-    The room has 24 surfaces, all of them drawn in each key frame and with 20 tracks there.
+    The room has 24 instances, each with an element in every key frame and 20 tracks on it.
     """
     config, room = replace(Config().estimation, max_tracks=20 * key_frames), seen_from_above(key_frames)
     tracks = simulation.make_tracks(room, np.random.default_rng(0), per_element=20, reach=10)
@@ -204,7 +204,7 @@ def time_marginals(key_frames: int, repeats: int) -> list[Metric]:
     return [
         Metric("tracks", len(tracks), "", None),
         Metric("planes", len(planes), "", None),
-        Metric("drawings", sum(len(instance.members) for instance in room.instances), "", None),
+        Metric("elements", sum(len(instance.members) for instance in room.instances), "", None),
         Metric("edges", len(evidence.edges), "", None),
         Metric("scales", min(scales), "s", False),
         Metric("marginals", min(marginals), "s", False),

@@ -62,6 +62,8 @@ def solve(
 def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepared:
     """Stages 1 to 3: everything that planes are solved from.
 
+    ``solve`` calls this and the other stages with one BLAS thread. The last digits depend on the number of threads.
+
     Raises ``GtlayoutError`` when no element is annotated, or an annotated image cannot be read.
     """
     scene.require_elements()

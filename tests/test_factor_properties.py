@@ -7,6 +7,7 @@ Jacobians at the extremes.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -69,9 +70,13 @@ def values_of(planes: list[FloatArray], points: dict[int, FloatArray] | None = N
     return values
 
 
-class FactorSuite:
-    """``build`` gives a factor and values; ``groups`` are rows whose norm does not depend on the world's axes."""
+class FactorSuite(ABC):
+    """``build`` gives a factor, and values with so many ``planes``.
 
+    ``groups`` are the rows whose norm does not depend on the axes of the world.
+    """
+
+    planes: ClassVar[int] = 1
     groups: ClassVar[tuple[slice, ...]] = (slice(None),)
     extremes: ClassVar[tuple[tuple[float, ...], ...]] = (
         (0.0, 0.0, 1.0, 0.0),  # through the origin, where cameras are
@@ -80,8 +85,9 @@ class FactorSuite:
         (1.0, 0.0, 0.0, -1e6),
     )
 
+    @abstractmethod
     def build(self, rng: np.random.Generator, motion: Motion) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
-        raise NotImplementedError
+        """The case that these draws make, in the world so moved."""
 
     def at(self, rng: np.random.Generator, planes: list[FloatArray]) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
         """The same factor at other planes."""
@@ -123,8 +129,6 @@ class FactorSuite:
                 jacobian, right = factor.linearize(values).jacobian()
                 assert np.isfinite(factor.whitenedError(values)).all(), (plane, other)
                 assert np.isfinite(jacobian).all() and np.isfinite(right).all(), (plane, other)
-
-    planes: ClassVar[int] = 1
 
 
 def far_plane(rng: np.random.Generator) -> FloatArray:

@@ -57,7 +57,7 @@ def test_small_scenes_end_to_end(
     assert [of["tracks"] for of in growth.values()] == [60, 120]
     assert growth["1 ×"]["graph_ratio"] == growth["1 ×"]["start_ratio"] == 1
     marginals = {key: _values(of) for key, of in read_rows(out / "marginals.json").items()}
-    assert [(of["planes"], of["drawings"], of["tracks"]) for of in marginals.values()] == [
+    assert [(of["planes"], of["elements"], of["tracks"]) for of in marginals.values()] == [
         (24, 24 * count, 20 * 24 * count) for count in (6, 12)
     ]
     assert min(of["scales"] + of["marginals"] for of in marginals.values()) > 0

@@ -339,7 +339,8 @@ def test_a_solve_apart_that_fails_says_why(room: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(
-    not Path("/proc/self/clear_refs").exists(), reason="the peak memory of a process can be set back on Linux only"
+    not Path("/proc/self/clear_refs").exists(),
+    reason="needs /proc/self/clear_refs: only Linux can reset the peak memory of a running process",
 )
 def test_peak_memory_is_that_since_it_was_forgotten() -> None:
     large = np.ones(100 << 17)
