@@ -16,12 +16,13 @@ _FARTHEST_PX = 1e9
 
 
 def edge_factor(
-    plane_keys: tuple[int, int], points_px: FloatArray, projection: FloatArray, noise: Any
+    plane_keys: tuple[int, int], offset_key: int, points_px: FloatArray, projection: FloatArray, noise: Any
 ) -> gtsam.CustomFactor:
-    """Two residuals in px: half-sum and half-difference of the distances of two edge points from the planes' line.
+    """Two residuals in px: half-sum and half-difference of the distances of two edge points from the drawn line.
 
-    With D = n · c + d for the camera centre c, ``m = D_a n_b − D_b n_a`` is the normal of the plane through c and the
-    intersection line, ``l = K⁻ᵀ R m`` its image, and ``r = l · u / ‖l₁₂‖`` the distance of pixel u from it.
+    That line is the one in which the planes meet, moved by an offset v: what is drawn may be the foot of a baseboard.
+    With D = n · (c − v) + d for the camera centre c, ``m = D_a n_b − D_b n_a`` is the normal of the plane through c and
+    the line, ``l = K⁻ᵀ R m`` its image, and ``r = l · u / ‖l₁₂‖`` the distance of pixel u from it.
 
     An edge drawn by one hand is off as a whole, so its points are not independent. Two representative points (mean ±
     one standard deviation along the edge) carry all its information. Their half-sum is its shift, their half-difference
@@ -29,6 +30,7 @@ def edge_factor(
 
     Args:
         plane_keys: two ``OrientedPlane3`` variables.
+        offset_key: a ``Point3`` variable, v, world unit. Along the line it has no effect.
         points_px: (2, 2) the representative points, px.
         projection: (3, 4) ``K [R | t]`` of the camera, world to px.
         noise: 2-D noise model for (shift, tilt), px; may be robust.
@@ -43,21 +45,23 @@ def edge_factor(
 
     def residual(values: gtsam.Values, want_jacobians: bool) -> tuple[FloatArray, list[FloatArray]]:
         (n_a, d_a, basis_a), (n_b, d_b, basis_b) = (plane_parts(values, key) for key in plane_keys)
-        D_a, D_b = n_a @ center + d_a, n_b @ center + d_b
+        seen_from = center - values.atPoint3(offset_key)
+        D_a, D_b = n_a @ seen_from + d_a, n_b @ seen_from + d_b
         through = D_a * n_b - D_b * n_a
         line = to_line @ through
         length = float(np.hypot(line[0], line[1]))
         nowhere = _FARTHEST_PX * length <= abs(line[2])
         if np.linalg.norm(through) <= _COPLANAR * max(abs(D_a), abs(D_b)) or nowhere:
-            return np.zeros(2), [np.zeros((2, 3))] * 2 if want_jacobians else []
+            return np.zeros(2), [np.zeros((2, 3))] * 3 if want_jacobians else []
         r = u @ line / length
         if not want_jacobians:
             return mix @ r, []
         by_line = (u - r[:, None] * np.array([line[0], line[1], 0.0]) / length) / length
         g = by_line @ to_line
         g_a, g_b = g @ n_a, g @ n_b
-        by_a = np.column_stack([(np.outer(g_b, center) - D_b * g) @ basis_a, g_b])
-        by_b = np.column_stack([(D_a * g - np.outer(g_a, center)) @ basis_b, -g_a])
-        return mix @ r, [mix @ by_a, mix @ by_b]
+        by_a = np.column_stack([(np.outer(g_b, seen_from) - D_b * g) @ basis_a, g_b])
+        by_b = np.column_stack([(D_a * g - np.outer(g_a, seen_from)) @ basis_b, -g_a])
+        by_offset = np.outer(g_a, n_b) - np.outer(g_b, n_a)
+        return mix @ r, [mix @ by_a, mix @ by_b, mix @ by_offset]
 
-    return custom_factor(noise, list(plane_keys), residual)
+    return custom_factor(noise, [*plane_keys, offset_key], residual)

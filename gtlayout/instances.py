@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -105,6 +105,11 @@ class Plane:
         ``rays_world`` (..., 3) have z = 1 in the camera, so the result is along the camera's z, world unit.
         """
         return self.sigma_offset(points_world) / np.abs(rays_world @ self.normal)
+
+
+ContactOffsets = Mapping[tuple[int, int], FloatArray]
+"""For pairs of touching instances the (3,) offset, world unit, of the line drawn between them from that in which their
+planes meet."""
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages 
     estimated = solved.to_world(prepared.form.similarity, prepared.form.anchor)
     planes = with_sigma_depth(scene, instances, estimated.planes)
     with stage("extents"):
-        extents = compute_extents(scene, instances, planes, prepared.edges, config.extent)
+        extents = compute_extents(scene, instances, planes, prepared.edges, config.extent, estimated.contact_offsets)
     with stage("mesh"):
         mesh = build_mesh(instances, extents)
     with stage("quality"):

@@ -13,4 +13,5 @@ def dense(rows: Rows) -> FloatArray:
     written = np.zeros((len(rows.unknown), len(rows.tree), 3))
     for side in range(2):
         written[np.arange(len(written)), rows.unknown[:, side]] += rows.jacobian[:, side]
+    written[rows.linked, rows.link] += rows.by_link
     return written.reshape(len(written), 3 * len(rows.tree))

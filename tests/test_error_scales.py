@@ -31,7 +31,14 @@ def system(planes: int, measurements: list[tuple[int, int, FloatArray, FloatArra
     jacobian = np.stack([by_plane, np.zeros_like(by_plane)], axis=1)
     sizes = [len(target) for _, _, _, target in measurements]
     return LinearSystem(
-        Rows(Tree(planes, NONE, NONE), np.column_stack([plane, plane]), jacobian),
+        Rows(
+            Tree(planes, NONE, NONE, NONE.reshape(0, 2)),
+            np.column_stack([plane, plane]),
+            jacobian,
+            NONE,
+            NONE,
+            np.empty((0, 3)),
+        ),
         np.concatenate([target for _, _, _, target in measurements]),
         np.array([family for family, _, _, _ in measurements]),
         np.cumsum([0, *sizes[:-1]]),

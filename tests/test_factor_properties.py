@@ -15,7 +15,7 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gtsam.symbol_shorthand import B, L, P
+from gtsam.symbol_shorthand import B, L, O, P
 
 from gtlayout.factors import (
     biased_depth_factor,
@@ -173,7 +173,8 @@ class TestEdge(FactorSuite):
         points_px = rng.uniform(0, 480, (2, 2))
         R, center = gtsam.Rot3.RzRyRx(0.2, -0.3, 0.1).matrix(), np.array([0.3, -0.2, 0.5])
         pair = [motion.plane(far_plane(rng)), motion.plane(far_plane(rng))]
-        return edge_factor((P(0), P(1)), points_px, motion.projection(R, center), noise), values_of(pair)
+        offset = {O(0): motion.R @ rng.uniform(-0.1, 0.1, 3)}
+        return edge_factor((P(0), P(1)), O(0), points_px, motion.projection(R, center), noise), values_of(pair, offset)
 
 
 class TestPerpendicularity(FactorSuite):

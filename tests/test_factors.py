@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gtsam.symbol_shorthand import B, L, P
+from gtsam.symbol_shorthand import B, L, O, P
 
 from gtlayout.factors import (
     biased_depth_factor,
@@ -28,6 +28,7 @@ CAMERA = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]) @ np.column_stack
 def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() -> None:
     # The planes x = 2 and y = 1 meet in the line (2, 1, z); a camera at the origin looking along z sees it as a line.
     values = gtsam.Values()
+    values.insertPoint3(O(0), np.zeros(3))
     values.insert(P(0), gtsam.OrientedPlane3(np.array([-1.0, 0, 0, 2])))
     values.insert(P(1), gtsam.OrientedPlane3(np.array([0, -1.0, 0, 1])))
     K = np.array([[400.0, 0, 300], [0, 400, 200], [0, 0, 1]])
@@ -39,7 +40,7 @@ def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() ->
 
     def error(shift_px: float, tilt_px: float) -> FloatArray:
         points = np.array([image[0] + (shift_px + tilt_px) * across, image[1] + (shift_px - tilt_px) * across])
-        whitened: FloatArray = edge_factor((P(0), P(1)), points, projection, unit).whitenedError(values)
+        whitened: FloatArray = edge_factor((P(0), P(1)), O(0), points, projection, unit).whitenedError(values)
         return whitened
 
     np.testing.assert_allclose(error(0, 0), 0, atol=1e-9)
@@ -50,13 +51,29 @@ def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() ->
     assert np.prod(error(3, -2)) == pytest.approx(-6)
 
 
+def test_an_offset_moves_the_line_that_the_edge_should_lie_on() -> None:
+    """The foot of a baseboard, 2 cm before the wall: in the image there, and along the line no difference."""
+    K = np.array([[400.0, 0, 300], [0, 400, 200], [0, 0, 1]])
+    values = gtsam.Values()
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([-1.0, 0, 0, 2])))
+    values.insert(P(1), gtsam.OrientedPlane3(np.array([0, -1.0, 0, 1])))
+    values.insertPoint3(O(0), np.array([-0.02, 0.01, 5.0]))
+    points = np.array([(K @ [1.98, 1.01, z] / z)[:2] for z in (4.0, 9.0)])
+    projection = np.column_stack([K, np.zeros(3)])
+    factor = edge_factor((P(0), P(1)), O(0), points, projection, gtsam.noiseModel.Unit.Create(2))
+    np.testing.assert_allclose(factor.whitenedError(values), 0, atol=1e-9)
+    jacobian, _ = factor.linearize(values).jacobian()
+    np.testing.assert_allclose(jacobian[:, 6:] @ [0, 0, 1], 0, atol=1e-9)
+
+
 def test_edge_of_coincident_planes_says_nothing() -> None:
     values = gtsam.Values()
+    values.insertPoint3(O(0), np.zeros(3))
     for key in (P(0), P(1)):
         values.insert(key, gtsam.OrientedPlane3(np.array([0, 0, -1.0, 3])))
-    factor = edge_factor((P(0), P(1)), np.array([[10.0, 20], [30, 40]]), CAMERA, gtsam.noiseModel.Unit.Create(2))
+    factor = edge_factor((P(0), P(1)), O(0), np.array([[10.0, 20], [30, 40]]), CAMERA, gtsam.noiseModel.Unit.Create(2))
     jacobian, error = factor.linearize(values).jacobian()
-    assert jacobian.shape == (2, 6)
+    assert jacobian.shape == (2, 9)
     assert not jacobian.any()
     assert not error.any()
 
@@ -66,11 +83,14 @@ def test_edge_of_nearly_coincident_planes_says_nothing_below_a_hundredth_radian(
     angle: float, says_something: bool
 ) -> None:
     values = gtsam.Values()
+    values.insertPoint3(O(0), np.zeros(3))
     values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, -1.0, 3])))
     values.insert(P(1), gtsam.OrientedPlane3(np.array([np.sin(angle), 0, -np.cos(angle), 3 * np.cos(angle)])))
     K = np.array([[400.0, 0, 300], [0, 400, 200], [0, 0, 1]])
     projection = np.column_stack([K, np.zeros(3)])
-    factor = edge_factor((P(0), P(1)), np.array([[10.0, 20], [30, 40]]), projection, gtsam.noiseModel.Unit.Create(2))
+    factor = edge_factor(
+        (P(0), P(1)), O(0), np.array([[10.0, 20], [30, 40]]), projection, gtsam.noiseModel.Unit.Create(2)
+    )
     # They meet in x = 0, seen as the column x = 300.
     expected = np.array([280.0, 10.0]) if says_something else np.zeros(2)
     np.testing.assert_allclose(np.abs(factor.whitenedError(values)), expected, atol=1e-6)
@@ -79,10 +99,13 @@ def test_edge_of_nearly_coincident_planes_says_nothing_below_a_hundredth_radian(
 def test_edge_whose_line_lies_beside_the_camera_says_nothing() -> None:
     """Planes that meet in (1, y, 0), in the camera's own focal plane: their line is nowhere in the image."""
     values = gtsam.Values()
+    values.insertPoint3(O(0), np.zeros(3))
     values.insert(P(0), gtsam.OrientedPlane3(np.array([-1.0, 0, 0, 1])))
     values.insert(P(1), gtsam.OrientedPlane3(np.array([-1.0, 0, -1, 1]) / np.sqrt(2)))
     projection = np.column_stack([np.eye(3), np.zeros(3)])
-    factor = edge_factor((P(0), P(1)), np.array([[0.1, 0.2], [0.3, 0.4]]), projection, gtsam.noiseModel.Unit.Create(2))
+    factor = edge_factor(
+        (P(0), P(1)), O(0), np.array([[0.1, 0.2], [0.3, 0.4]]), projection, gtsam.noiseModel.Unit.Create(2)
+    )
     jacobian, error = factor.linearize(values).jacobian()
     assert not jacobian.any()
     assert not error.any()

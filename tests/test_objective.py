@@ -8,16 +8,17 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L, P
+from gtsam.symbol_shorthand import L, O, P
 
 import gtlayout.planes.estimation
 import gtlayout.planes.graph
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.estimation import led_astray
 from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.planes.graph import optimise_graph
 from gtlayout.planes.objective import cauchy_loss, cost_of
-from gtlayout.planes.structural_factors import edge_factors
+from gtlayout.planes.structural_factors import edge_factors, offset_priors
 from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.normalisation import Normalisation
@@ -120,7 +121,10 @@ def test_edges_cost_what_their_factors_do(room: Room) -> None:
     values = gtsam.Values()
     for s, plane in enumerate(planes):
         values.insert(P(s), gtsam.OrientedPlane3(plane))
-    factors = sum(factor.error(values) for factor in edge_factors(evidence, planes, CONFIG))
+    for c, offset in enumerate(contact_offsets(evidence, planes, CONFIG)):
+        values.insertPoint3(O(c), offset)
+    both = [*edge_factors(evidence, planes, CONFIG), *offset_priors(evidence, planes, CONFIG)]
+    factors = sum(factor.error(values) for factor in both)
     without = replace(evidence, edges=())
     # Touching changes what right angles between walls cost: by nothing here, where all are right but one.
     edges = cost_of(evidence, planes, CONFIG).total - cost_of(without, planes, CONFIG).total

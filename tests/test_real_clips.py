@@ -95,5 +95,5 @@ def test_a_real_flat_without_a_unit(tmp_path: Path) -> None:
     for name, true in known.items():
         off = plane_error(layout, match[name], name, true)
         # The truth's own normals face all cameras together, the layout's those that drew the plane.
-        assert min(off.normal_deg, 180 - off.normal_deg) < 2.0, name
+        assert min(off.normal_deg, 180 - off.normal_deg) < 2.5, name
         assert off.offset < 0.01 * depth, name

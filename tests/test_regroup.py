@@ -63,7 +63,7 @@ def made(planes: Sequence[FloatArray], sigma: float = 1.0, shared: float = 0.0) 
         Plane(p[:3], float(p[3]), sigma**2 * own, observable=True, support=Support(tracks=50)) for p in planes
     )
     none = np.empty(0)
-    return Estimate(found, covariance, np.empty((0, 3)), none, none.astype(np.int64), ())
+    return Estimate(found, covariance, np.empty((0, 3)), none, none.astype(np.int64), {}, ())
 
 
 def joined(scene: Scene, instances: Sequence[Instance], solved: Estimate) -> list[tuple[int, int]]:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from gtlayout.edges import ContactEdge
+from gtlayout.instances import ContactOffsets
 from gtlayout.scene import FloatArray
 from simulated.simulated_room import Room
 
@@ -17,8 +18,11 @@ EDGE_STEP_PX, MIN_EDGE_PX = 4.0, 20.0
 """Distance of the points on an edge, and the shortest one that is drawn."""
 
 
-def true_edges(room: Room) -> tuple[ContactEdge, ...]:
-    """The images of the segments that two faces share, as stage 3 should find them; not derived from the polygons."""
+def true_edges(room: Room, offsets: ContactOffsets | None = None) -> tuple[ContactEdge, ...]:
+    """The images of the segments that two faces share, as stage 3 should find them; not derived from the polygons.
+
+    Segments of pairs in ``offsets`` are moved by these, as the foot of a baseboard is.
+    """
     edges: list[ContactEdge] = []
     face_of = [next(f for f in room.faces if np.array_equal(f.plane, plane)) for plane in room.planes]
     for k in range(len(room.scene.key_frames)):
@@ -26,7 +30,8 @@ def true_edges(room: Room) -> tuple[ContactEdge, ...]:
             shared = [p for p in face_of[a].corners if (np.abs(face_of[b].corners - p).max(axis=1) < 1e-12).any()]
             if len(shared) != 2:
                 continue
-            edges += _drawn_edge(room, k, (a, b), shared[0], shared[1])
+            offset = (offsets or {}).get((a, b), np.zeros(3))
+            edges += _drawn_edge(room, k, (a, b), shared[0] + offset, shared[1] + offset)
     return tuple(edges)
 
 

@@ -11,10 +11,11 @@ from gtlayout.edges import ContactEdge
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import consensus, tidy
 from gtlayout.extent.known_part import known_part
-from gtlayout.extent.refine import refine, unproject_edges
+from gtlayout.extent.refine import Neighbour, refine, unproject_edges
+from gtlayout.extent.shifts import shifts_on_planes
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.polygons import grid_for
-from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
+from gtlayout.instances import ContactOffsets, Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import Camera, Scene
 
 
@@ -24,8 +25,12 @@ def compute_extents(
     planes: Sequence[Plane],
     edges: Sequence[ContactEdge],
     config: ExtentConfig,
+    contact_offsets: ContactOffsets | None = None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
+
+    Where ``contact_offsets`` say that the line drawn between two instances lies beside that in which their planes meet,
+    both end where the cameras see the drawn one.
 
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
     planes get empty regions. An extent ends where the depth is unknown.
@@ -44,9 +49,20 @@ def compute_extents(
         for region, plane, frame, instance in zip(drawn, planes, frames, instances, strict=True)
     ]
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
+    shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
     regions = [
         tidy(
-            refine(region, frames[i], [(planes[j], line) for (k, j), line in touching.items() if k == i], grid, config),
+            refine(
+                region,
+                frames[i],
+                [
+                    Neighbour(planes[j], contact, shifts.get((i, j), 0.0))
+                    for (k, j), contact in touching.items()
+                    if k == i
+                ],
+                grid,
+                config,
+            ),
             grid,
             config,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -63,10 +64,21 @@ def _runs(points_px: FloatArray) -> BaseGeometry:
     return shapely.simplify(shapely.multilinestrings([shapely.linestrings(run) for run in runs]), _CONTACT_PX)
 
 
+@dataclass(frozen=True)
+class Neighbour:
+    """What an extent touches."""
+
+    plane: Plane
+    contact: BaseGeometry
+    """The contact edges in the extent's frame."""
+    shift: float
+    """How far from where the planes meet both end, towards the neighbour's front, world unit."""
+
+
 def refine(
     region: MultiPolygon,
     frame: PlaneFrame,
-    neighbours: Iterable[tuple[Plane, BaseGeometry]],
+    neighbours: Iterable[Neighbour],
     grid: float,
     config: ExtentConfig,
 ) -> MultiPolygon:
@@ -75,14 +87,12 @@ def refine(
     if area == 0:
         return region
     touching = []
-    for plane, contact in neighbours:
-        # The neighbour's plane in this frame is a u + b v + c: a distance once divided by |(a, b)| = sin(angle).
-        line = np.append(frame.axes @ plane.normal, plane.normal @ frame.origin + plane.d)
-        sine = float(np.hypot(line[0], line[1]))
+    for neighbour in neighbours:
+        line, sine = meeting_line(neighbour.plane, frame)
         if sine < np.sin(np.deg2rad(config.min_angle_deg)):
             continue
-        line /= sine
-        touching.append((_towards(region, line, contact), contact))
+        line[2] -= neighbour.shift
+        touching.append((_towards(region, line, neighbour.contact), neighbour.contact))
     for line, contact in touching:
         gap = _gap(region, line, contact)
         if gap.area <= config.max_growth * area:
@@ -92,6 +102,16 @@ def refine(
         if beyond.area <= config.max_cut * area:
             region = straight(shapely.difference(region, beyond, grid_size=grid), grid)
     return region
+
+
+def meeting_line(neighbour: Plane, frame: PlaneFrame) -> tuple[FloatArray, float]:
+    """(a, b, c) of the line in which two planes meet, and the sine of their angle.
+
+    a u + b v + c is the distance from it in the frame of one, positive in front of the other.
+    """
+    line = np.append(frame.axes @ neighbour.normal, neighbour.normal @ frame.origin + neighbour.d)
+    sine = float(np.hypot(line[0], line[1]))
+    return line / max(sine, 1e-12), sine
 
 
 def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> FloatArray:

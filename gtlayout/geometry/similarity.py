@@ -31,7 +31,11 @@ class Similarity:
 
     def points_to_world(self, points_local: FloatArray) -> FloatArray:
         """(..., 3) local points in the world."""
-        return points_local @ self.R / self.scale + self.origin
+        return self.vectors_to_world(points_local) + self.origin
+
+    def vectors_to_world(self, vectors_local: FloatArray) -> FloatArray:
+        """(..., 3) differences of local points in the world."""
+        return vectors_local @ self.R / self.scale
 
     def planes_to_world(
         self, planes_local: FloatArray, anchor: FloatArray | None = None

@@ -94,6 +94,10 @@ class EstimationConfig:
     """A track counts as at most this many independent observations."""
     track_cauchy: float = 1.0
     """Robust scale of a whole track, in σ, or in the standard deviation of its instance's residuals if that is less."""
+    reflected_share: float = 0.1
+    """Share of an instance's tracks that is expected to be mirror images."""
+    reflected_prior_tracks: float = 10.0
+    """The number of tracks that this expectation is worth."""
     min_spread: float = 0.3
     """Least standard deviation of an instance's residuals that counts in ``track_cauchy``, in σ."""
     full_survival: float = 0.4
@@ -110,6 +114,9 @@ class EstimationConfig:
     """σ of the shift of an annotated edge as a whole."""
     sigma_edge_tilt_px: float = 0.6
     """σ of the tilt of an annotated edge: half the difference of its two representative points."""
+    sigma_contact_offset: float = 0.025
+    """σ, in each direction, of how far the line that is drawn between two instances lies from where their planes meet,
+    in all key frames alike: the foot of a baseboard, the edge of a worktop, the frame of a door."""
     edge_cauchy: float = 3.0
     """Robust scale of an edge, in σ."""
     max_contact_px: float = 10.0
@@ -120,9 +127,11 @@ class EstimationConfig:
     """Most rounds of removing wrong contacts, with ``starts`` searches each. Without the wrong ones others may prove
     right."""
     sigma_perpendicularity: float = 0.02
-    """σ of the deviation from a right angle, radians."""
+    """σ of the deviation from a right angle, radians. How many times as large it is in a scene, its planes show."""
     right_angle_cauchy: float = 1.5
     """Robust scale of right angles between walls, in σ. Unlike between walls and floors, they are not a rule."""
+    upright_cauchy: float = 2.0
+    """Robust scale of right angles between walls and floors or ceilings, in σ: each may fail on its own."""
     right_angle_reach: float = 0.25
     """sin of the deviation up to which two walls get a factor for a right angle."""
     sigma_start_depths: float = 0.5

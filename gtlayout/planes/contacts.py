@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from gtlayout.planes.config import EstimationConfig
-from gtlayout.planes.edge_group import EdgeGroup
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.starts import best_start, polish
 from gtlayout.scene import FloatArray
@@ -30,7 +30,7 @@ def start_without_wrong_contacts(
         kept = _without(evidence, dropped)
         planes = best_start(kept, config, seed)
         tried.add(dropped)
-        fit = _misfits_px(evidence, planes)
+        fit = _misfits_px(evidence, planes, config)
         dropped = frozenset(
             pair for pair in dropped if fit.get(pair, np.inf) > config.readmitted_share * config.max_contact_px
         )
@@ -45,7 +45,9 @@ def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfi
     while True:
         kept = _without(evidence, dropped)
         planes = polish(kept, planes, config)
-        fit = {pair: misfit for pair, misfit in _misfits_px(kept, planes).items() if not _all_there_is(kept, pair)}
+        fit = {
+            pair: misfit for pair, misfit in _misfits_px(kept, planes, config).items() if not _all_there_is(kept, pair)
+        }
         worst = max(fit, key=lambda pair: fit[pair], default=None)
         if worst is None or fit[worst] <= config.max_contact_px:
             return dropped
@@ -67,21 +69,17 @@ def _all_there_is(evidence: Evidence, pair: Pair) -> bool:
 
 
 def _without(evidence: Evidence, dropped: frozenset[Pair]) -> Evidence:
-    return replace(evidence, edges=tuple(group for group in evidence.edges if _pair(group) not in dropped))
+    return replace(evidence, edges=tuple(group for group in evidence.edges if group.instances not in dropped))
 
 
-def _pair(group: EdgeGroup) -> Pair:
-    a, b = group.instances
-    return (a, b) if a < b else (b, a)
-
-
-def _misfits_px(evidence: Evidence, planes: FloatArray) -> dict[Pair, float]:
-    """Of each pair whose planes are known the root mean square distance of its edge from their line, as of an image of
-    640x480: the median over the key frames.
+def _misfits_px(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> dict[Pair, float]:
+    """Of each pair whose planes are known the root mean square distance of its edge from their line, moved by their
+    offset, as of an image of 640x480: the median over the key frames.
     """
+    offsets = dict(zip(evidence.contacts, contact_offsets(evidence, planes, config), strict=True))
     found: dict[Pair, list[float]] = {}
     for group in evidence.edges:
         if np.isfinite(planes[list(group.instances), 0]).all():
-            distance_px = group.annotation_px(group.misfits_px(planes))
-            found.setdefault(_pair(group), []).append(float(np.sqrt(np.mean(distance_px**2))))
+            distance_px = group.annotation_px(group.misfits_px(planes, offsets[group.instances]))
+            found.setdefault(group.instances, []).append(float(np.sqrt(np.mean(distance_px**2))))
     return {pair: float(np.median(distances)) for pair, distances in found.items()}

@@ -10,7 +10,7 @@ import numpy as np
 from gtlayout.instances import EvidenceKind
 from gtlayout.planes.arrow import eliminate, summed
 from gtlayout.planes.arrow_rows import Rows
-from gtlayout.planes.linear_system import EDGE, JOINT, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
+from gtlayout.planes.linear_system import ANGLE, EDGE, JOINT, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.views import Views
 from gtlayout.scene import FloatArray
 
@@ -35,12 +35,19 @@ class Joints:
 
     @staticmethod
     def of(rows: Rows, weight: FloatArray) -> Joints:
-        """Sums over rows that touch planes only, with (R,) weights."""
+        """Sums over rows that touch planes and links, with (R,) weights; the links are eliminated."""
         planes = rows.tree.roots
-        pair = rows.unknown @ np.array([planes, 1])
+        of_planes = (rows.unknown < planes).all(axis=1)
+        pair = rows.unknown[of_planes] @ np.array([planes, 1])
         # (R, 2, 3, 2, 3) of both planes of each row with both.
-        outer = np.einsum("r,rai,rbj->raibj", weight, rows.jacobian, rows.jacobian)
+        jacobian = rows.jacobian[of_planes]
+        outer = np.einsum("r,rai,rbj->raibj", weight[of_planes], jacobian, jacobian)
         sums = summed(outer, pair, planes**2).reshape(planes, planes, 2, 3, 2, 3)
+        if len(rows.linked):
+            links = rows.information(weight)
+            between = np.concatenate([links.link_roots[:, 0], links.link_roots[:, 1]], axis=2)
+            taken = between.transpose(0, 2, 1) @ np.linalg.solve(links.link, between)
+            sums[*rows.tree.link.T] -= taken.reshape(-1, 2, 3, 2, 3)
         turned = sums.transpose(1, 0, 2, 3, 4, 5)
         return Joints(sums[:, :, 0, :, 0] + turned[:, :, 1, :, 1], sums[:, :, 0, :, 1] + turned[:, :, 1, :, 0])
 
@@ -68,10 +75,18 @@ def dominant_evidence(linear: LinearSystem, row_weight: FloatArray, by_offset: F
         by_offset: (P, 3) derivative of each plane's offset by its tangent.
     """
     rows, family = linear.rows, np.repeat(linear.family, linear.size)
-    tracked = np.isin(family, [TRACK, SHARED_DEPTH])
+    # Priors on offsets touch no plane, but without them the links are not regular.
+    tracked = np.isin(family, [TRACK, SHARED_DEPTH, OFFSET])
     # Without its biases, what tracks say is of one plane each: blocks on the diagonal.
     tracks = eliminate(rows.tree, rows.only(tracked).information(row_weight[tracked])).root
-    joints = {of: Joints.of(rows.only(family == of), row_weight[family == of]) for of in (EDGE, JOINT, PRIOR)}
+    joints = {
+        of: Joints.of(rows.only(own), row_weight[own])
+        for of, own in (
+            (EDGE, np.isin(family, [EDGE, OFFSET])),
+            (JOINT, np.isin(family, [ANGLE, JOINT])),
+            (PRIOR, family == PRIOR),
+        )
+    }
 
     def sigmas(i: int, *dropped: int) -> FloatArray:
         """(2,) of the normal, radians, and of the offset, without these families' measurements of plane ``i``."""

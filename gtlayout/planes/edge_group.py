@@ -22,6 +22,7 @@ class EdgeGroup:
 
     camera: Camera
     instances: tuple[int, int]
+    """The smaller number first."""
     points_px: FloatArray
 
     def other(self, instance: int) -> int:
@@ -51,6 +52,26 @@ class EdgeGroup:
         length = np.maximum(np.linalg.norm(lines[:, :2], axis=1), 1e-12)
         return np.where(coplanar[:, None], np.inf, (lines @ self._homogeneous.T) / length[:, None])
 
+    def shift_and_tilt_px(self, planes: FloatArray, offset: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(2,) half-sum and half-difference of the representatives' distances from the line in which its two of (S, 4)
+        ``planes`` meet, moved by ``offset``, and their (2, 3) derivative by it. As of an image of 640x480; zero for
+        planes that coincide.
+        """
+        a, b = (planes[s] for s in self.instances)
+        center = self._center - offset
+        through = (a[:3] @ center + a[3]) * b[:3] - (b[:3] @ center + b[3]) * a[:3]
+        line = through @ self._line_by_normal
+        length = float(np.hypot(line[0], line[1]))
+        if np.linalg.norm(through) <= _MIN_DIHEDRAL * max(abs(a[:3] @ center + a[3]), abs(b[:3] @ center + b[3])):
+            return np.zeros(2), np.zeros((2, 3))
+        u = np.column_stack([self.representatives_px, np.ones(2)])
+        px = u @ line / length
+        by_line = (u - px[:, None] * np.array([line[0], line[1], 0.0]) / length) / length
+        g = by_line @ self._line_by_normal.T
+        by_offset = np.outer(g @ a[:3], b[:3]) - np.outer(g @ b[:3], a[:3])
+        mix = np.array([[0.5, 0.5], [0.5, -0.5]]) / self.camera.annotation_scale
+        return np.clip(mix @ px, -FARTHEST_PX, FARTHEST_PX), mix @ by_offset
+
     @cached_property
     def _center(self) -> FloatArray:
         return self.camera.center_world
@@ -64,9 +85,11 @@ class EdgeGroup:
     def _homogeneous(self) -> FloatArray:
         return np.column_stack([self.points_px, np.ones(len(self.points_px))])
 
-    def misfits_px(self, planes: FloatArray) -> FloatArray:
-        """(P,) the same for the edge's own two of (S, 4) ``planes``."""
+    def misfits_px(self, planes: FloatArray, offset: FloatArray | None = None) -> FloatArray:
+        """(P,) the same for the edge's own two of (S, 4) ``planes``, from their line moved by (3,) ``offset``."""
         a, b = self.instances
+        if offset is not None:
+            planes = planes - np.pad(planes[:, :3] @ offset[:, None], ((0, 0), (3, 0)))
         return self.distances_px(planes[a][None], planes[b])[0]
 
     def annotation_px(self, misfits_px: FloatArray) -> FloatArray:

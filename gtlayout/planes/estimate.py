@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gtlayout.geometry.similarity import Similarity, covariance_by
-from gtlayout.instances import Plane
+from gtlayout.instances import ContactOffsets, Plane
 from gtlayout.scene import FloatArray, IntArray
 
 
@@ -34,6 +34,8 @@ class Estimate:
     """(N,) robust weight in [0, 1] after the solve; near 0 = the track was outvoted."""
     landmark_instance: IntArray
     """(N,) instance whose plane it lies on, -1 = none."""
+    contact_offsets: ContactOffsets
+    """Of all contacts whose planes are placed."""
     iterations: tuple[Iteration, ...]
     warnings: tuple[str, ...] = ()
     """Problems during the solve, one line each."""
@@ -59,5 +61,6 @@ class Estimate:
             ),
             covariance=covariance_by(self.covariance, jacobian),
             landmarks=local.points_to_world(self.landmarks),
+            contact_offsets={pair: local.vectors_to_world(offset) for pair, offset in self.contact_offsets.items()},
             iterations=tuple(Iteration(one.cost, local.planes_to_world(one.planes)[0]) for one in self.iterations),
         )

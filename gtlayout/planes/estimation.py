@@ -14,12 +14,14 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.similarity import covariance_by
 from gtlayout.instances import Plane, propagated_sigma
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.contacts import start_without_wrong_contacts
 from gtlayout.planes.estimate import Estimate, Iteration
 from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.planes.graph import Optimum, optimise_graph, track_weights
 from gtlayout.planes.initialization import face_cameras
 from gtlayout.planes.objective import cost_of
+from gtlayout.planes.structural_factors import met
 from gtlayout.planes.support import supports
 from gtlayout.planes.uncertainty import Uncertainty, error_scales, plane_uncertainty
 from gtlayout.planes.views import Views
@@ -72,6 +74,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
         landmarks=local.points_to_world(solution.landmarks),
         landmark_weight=solution.robust_weight,
         landmark_instance=np.where(used, measured.track_instance, -1),
+        contact_offsets={pair: local.vectors_to_world(offset) for pair, offset in solution.offsets.items()},
         iterations=tuple(
             Iteration(cost, local.planes_to_world(at)[0])
             for cost, at in zip(solution.costs, solution.history, strict=True)
@@ -93,9 +96,13 @@ def optimise(
         max_track_weight=config.max_track_weight / scales.shared_depth**2,
         sigma_edge_shift_px=config.sigma_edge_shift_px * scales.edge,
         sigma_edge_tilt_px=config.sigma_edge_tilt_px * scales.edge,
+        sigma_contact_offset=config.sigma_contact_offset * scales.offset,
+        sigma_perpendicularity=config.sigma_perpendicularity * scales.angle,
     )
     solution = optimise_graph(cameras, tracks, evidence, start, weighed)
-    solution = replace(solution, planes=_facing(evidence, solution.planes))
+    planes = _facing(evidence, solution.planes)
+    found = contact_offsets(evidence, planes, weighed)
+    solution = replace(solution, planes=planes, offsets={evidence.contacts[c]: found[c] for c in met(evidence, planes)})
     return solution, plane_uncertainty(tracks, evidence, solution.planes, config)
 
 
@@ -132,7 +139,9 @@ def keep_start(
     landmarks = np.full((len(tracks), 3), np.nan)
     landmarks[index[depth > 0]] = points[depth > 0]
     cost = cost_of(evidence, planes, config).total
-    return Optimum(planes, landmarks, robust, (cost,), (planes,)), plane_uncertainty(tracks, evidence, planes, config)
+    return Optimum(planes, landmarks, {}, robust, (cost,), (planes,)), plane_uncertainty(
+        tracks, evidence, planes, config
+    )
 
 
 def _facing(evidence: Evidence, planes: FloatArray) -> FloatArray:

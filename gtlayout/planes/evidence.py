@@ -52,6 +52,11 @@ class Evidence:
     """(S,) for doors and windows the instance they lie in; -1 for all others."""
 
     @cached_property
+    def contacts(self) -> tuple[tuple[int, int], ...]:
+        """The pairs of instances that have a contact edge in any key frame, the smaller number first."""
+        return tuple(sorted({group.instances for group in self.edges}))
+
+    @cached_property
     def touching(self) -> BoolArray:
         """(S, S) whether two instances have a contact edge in any key frame."""
         pairs = np.zeros_like(self.perpendicular)
@@ -86,6 +91,11 @@ class Evidence:
         on_plane = inverse_depth_on_plane(clearance, facing)
         residuals: FloatArray = (self.rays.rho[index] - on_plane) / self.sigma_rho[index]
         return residuals
+
+    def relative_sigma(self, index: IntArray, residual: FloatArray) -> FloatArray:
+        """(n,) σ of inverse depths as a share of the plane's, for tracks of (n,) ``residual``."""
+        on_plane = self.rays.rho[index] - residual * self.sigma_rho[index]
+        return self.sigma_rho[index] / np.maximum(on_plane, 1e-3)
 
 
 def gather(measured: Measurements, local: Normalisation, config: EstimationConfig) -> Evidence:
@@ -180,7 +190,7 @@ def _edge_groups(
     # Samples are whole steps apart, so many edges have exactly the least length, up to rounding.
     least_px = [min_length_px * camera.annotation_scale - _ROUNDING_PX for camera in key_cameras]
     return tuple(
-        EdgeGroup(key_cameras[edge.key_frame], edge.instances, edge.points_px)
+        EdgeGroup(key_cameras[edge.key_frame], (min(edge.instances), max(edge.instances)), edge.points_px)
         for edge in edges
         if root[edge.instances[0]] != root[edge.instances[1]]
         and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= least_px[edge.key_frame]

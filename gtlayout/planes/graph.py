@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, P
+from gtsam.symbol_shorthand import L, O, P
 
 from gtlayout.factors import track_factor
+from gtlayout.instances import ContactOffsets
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.evidence import Evidence
-from gtlayout.planes.structural_factors import plane_priors, structure_factors
+from gtlayout.planes.reflections import reflected
+from gtlayout.planes.structural_factors import met, plane_priors, structure_factors
 from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks, spread_observations
 
@@ -32,6 +35,8 @@ class Optimum:
     """(S, 4)."""
     landmarks: FloatArray
     """(N, 3)."""
+    offsets: ContactOffsets
+    """Of all contacts whose planes are placed."""
     robust_weight: FloatArray
     """(N,) weight of each track after the last re-weighting, in [0, 1]."""
     costs: tuple[float, ...]
@@ -60,6 +65,9 @@ def optimise_graph(
         robust, weight = track_weights(evidence, planes, kernels)
         used = weight > _NEGLIGIBLE
         values = _values(evidence, planes, landmarks, placed, np.nonzero(used)[0], config)
+        offsets = contact_offsets(evidence, planes, kernels)
+        for c in met(evidence, start):
+            values.insertPoint3(O(c), offsets[c])
         seen = observed & used[tracks.track]
         graph = _track_factors(cameras, tracks, evidence, values, placed, seen, weight, config)
         graph.push_back(structure_factors(evidence, start, kernels))
@@ -72,7 +80,7 @@ def optimise_graph(
             landmarks[n] = values.atPoint3(L(int(n)))
         if looseness == 1.0 and np.abs(planes - before)[placed].max() < config.converged_below:
             break
-    return Optimum(planes, landmarks, robust, tuple(costs), tuple(history))
+    return Optimum(planes, landmarks, {}, robust, tuple(costs), tuple(history))
 
 
 def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
@@ -82,7 +90,9 @@ def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConf
     for s in np.nonzero(np.isfinite(planes[:, 0]))[0]:
         index = np.nonzero(evidence.track_instance == s)[0]
         residual = evidence.track_residuals(index, planes[s][None])[0]
-        robust[index] = 1.0 / (1.0 + (residual / (config.track_cauchy * _spread(residual, config))) ** 2)
+        scale = config.track_cauchy * _spread(residual, config)
+        robust[index] = 1.0 / (1.0 + (residual / scale) ** 2)
+        robust[index] *= 1.0 - reflected(residual, evidence.relative_sigma(index, residual), scale, config)
         weight[index] = robust[index] * evidence.track_weight[index]
         # Tracks of an instance in one key frame share errors of camera and surface. Beyond some number of them, more
         # add no information.

@@ -1,4 +1,4 @@
-"""The whitened linear system of all planes: GTSAM's factors, linearised one by one, as rows that join two unknowns."""
+"""The whitened linear system of all planes: GTSAM's factors, linearised one by one, as rows of up to three unknowns."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from gtlayout.planes.arrow import Tree
 from gtlayout.planes.arrow_rows import Rows
 from gtlayout.scene import FloatArray, IntArray
 
-TRACK, SHARED_DEPTH, EDGE, JOINT, PRIOR = range(5)
-"""Families of errors: the first three have a scale that is estimated, the others σ as configured; priors are not
+TRACK, SHARED_DEPTH, EDGE, OFFSET, ANGLE, JOINT, PRIOR = range(7)
+"""Families of errors: the first five have a scale that is estimated, the others σ as configured; priors are not
 measurements, so none of them can be wrong.
 """
 
@@ -23,7 +23,7 @@ class LinearSystem:
     """The whitened linear system at the solution: R rows of G measurements.
 
     Unknowns, of three numbers each: the tangents of P planes are the roots; of each plane that has tracks the error
-    that all its key frames share is a branch, and the error in one key frame a leaf.
+    that all its key frames share is a branch, and the error in one key frame a leaf; the offset of a contact is a link.
     """
 
     rows: Rows
@@ -50,10 +50,12 @@ class SystemBuilder:
     """The root of each."""
     leaves: dict[int, int] = field(default_factory=dict)
     """The branch of each."""
-    keys: list[tuple[int, int]] = field(default_factory=list)
+    links: dict[int, tuple[int, int]] = field(default_factory=dict)
+    """The two roots of each."""
+    keys: list[tuple[int, ...]] = field(default_factory=list)
     """What each factor joins."""
     jacobians: list[FloatArray] = field(default_factory=list)
-    """(m, 2, 3) each."""
+    """(m, 3, 3) each; zero for unknowns that are not there."""
     targets: list[FloatArray] = field(default_factory=list)
     """(m,) each."""
     family: list[int] = field(default_factory=list)
@@ -74,15 +76,23 @@ class SystemBuilder:
         self.values.insert(key, start)
         self.leaves[key] = branch
 
+    def add_link(self, key: int, start: FloatArray, roots: tuple[int, int]) -> None:
+        """What a contact of two planes has in all key frames."""
+        self.values.insert(key, start)
+        self.links[key] = roots
+
     def add(self, factors: Iterable[gtsam.NonlinearFactor], family: int) -> None:
-        """Factors of one or two unknowns, the one nearer to the roots first."""
+        """Factors of one or two unknowns, the one nearer to the roots first, or of two roots and their link.
+
+        The roots are in the same order as in ``add_link``.
+        """
         for factor in factors:
             linear = factor.linearize(self.values)
             keys, (jacobian, target) = linear.keys(), linear.jacobian()
-            by_unknowns = np.zeros((len(target), 6))
+            by_unknowns = np.zeros((len(target), 9))
             by_unknowns[:, : jacobian.shape[1]] = jacobian
-            self.keys.append((keys[0], keys[-1]))
-            self.jacobians.append(by_unknowns.reshape(-1, 2, 3))
+            self.keys.append(tuple(keys))
+            self.jacobians.append(by_unknowns.reshape(-1, 3, 3))
             self.targets.append(target)
             # Tracks fail one by one, though a factor holds many.
             sizes = [1] * len(target) if family == TRACK else [len(target)]
@@ -91,11 +101,22 @@ class SystemBuilder:
 
     def build(self) -> LinearSystem:
         """All that was added."""
-        number = {key: i for i, key in enumerate([*self.roots, *self.branches, *self.leaves])}
+        number = {key: i for i, key in enumerate([*self.roots, *self.branches, *self.leaves, *self.links])}
         root = np.array([number[key] for key in self.branches.values()], dtype=np.int64)
         branch = np.array([number[key] - len(self.roots) for key in self.leaves.values()], dtype=np.int64)
-        pairs = np.array([[number[key] for key in pair] for pair in self.keys], dtype=np.int64)
-        unknown = np.repeat(pairs, [len(target) for target in self.targets], axis=0)
-        rows = Rows(Tree(len(self.roots), root, branch), unknown, np.concatenate(self.jacobians))
+        link = np.array([[number[key] for key in pair] for pair in self.links.values()], dtype=np.int64).reshape(-1, 2)
+        # A factor of one unknown names it twice, and only those with a link have a third.
+        named = [[number[key] for key in keys] for keys in self.keys]
+        numbers = np.array([own if len(own) == 3 else [own[0], own[-1], -1] for own in named], dtype=np.int64)
+        unknown = np.repeat(numbers, [len(target) for target in self.targets], axis=0)
+        jacobian, linked = np.concatenate(self.jacobians), np.nonzero(unknown[:, 2] >= 0)[0]
+        rows = Rows(
+            Tree(len(self.roots), root, branch, link),
+            unknown[:, :2],
+            jacobian[:, :2],
+            linked,
+            unknown[linked, 2],
+            jacobian[linked, 2],
+        )
         first = np.cumsum([0, *self.size[:-1]])
         return LinearSystem(rows, np.concatenate(self.targets), np.array(self.family), first)

@@ -6,13 +6,31 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import B, P, S
+from gtsam.symbol_shorthand import B, O, P, S
 
 from gtlayout.factors import biased_depth_factor
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.evidence import Evidence
-from gtlayout.planes.linear_system import EDGE, JOINT, PRIOR, SHARED_DEPTH, TRACK, LinearSystem, SystemBuilder
-from gtlayout.planes.structural_factors import edge_factors, joint_factors, plane_priors
+from gtlayout.planes.linear_system import (
+    ANGLE,
+    EDGE,
+    JOINT,
+    OFFSET,
+    PRIOR,
+    SHARED_DEPTH,
+    TRACK,
+    LinearSystem,
+    SystemBuilder,
+)
+from gtlayout.planes.structural_factors import (
+    edge_factors,
+    met,
+    offset_priors,
+    opening_factors,
+    plane_priors,
+    right_angle_factors,
+)
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks
 
@@ -30,12 +48,20 @@ def linearise(
     observations = np.bincount(tracks.track, minlength=len(tracks))
     for s in placed.tolist():
         system.add_root(P(s), gtsam.OrientedPlane3(planes[s]))
+    offsets = contact_offsets(evidence, planes, config)
+    for c in met(evidence, planes):
+        a, b = evidence.contacts[c]
+        system.add_link(O(c), offsets[c], (P(a), P(b)))
     for s in placed.tolist():
         _add_tracks(system, observations, evidence, s, planes[s], config)
     # Robust weights are for the scales to decide.
-    quadratic = replace(config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf, right_angle_cauchy=np.inf)
+    quadratic = replace(
+        config, edge_cauchy=np.inf, coplanarity_cauchy=np.inf, right_angle_cauchy=np.inf, upright_cauchy=np.inf
+    )
     system.add(edge_factors(evidence, planes, quadratic), EDGE)
-    system.add(joint_factors(evidence, planes, quadratic), JOINT)
+    system.add(offset_priors(evidence, planes, config), OFFSET)
+    system.add([factor for _, factor in opening_factors(evidence, planes, quadratic)], JOINT)
+    system.add(right_angle_factors(evidence, planes, quadratic), ANGLE)
     system.add(plane_priors(evidence, planes, config.sigma_prior_depths, config), PRIOR)
     return system.build()
 

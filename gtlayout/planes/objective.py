@@ -14,6 +14,7 @@ import numpy as np
 from gtsam.symbol_shorthand import P
 
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.edge_group import EdgeGroup
 from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.initialization import manhattan_sine
@@ -40,9 +41,12 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     pairs = np.zeros((len(planes), len(planes)))
     for s in np.nonzero(placed)[0].tolist():
         own[s] = _of_tracks(evidence, s, planes[s], config) + _of_absurd_depths(evidence, s, planes[s], config)
+    offsets = dict(zip(evidence.contacts, contact_offsets(evidence, planes, config), strict=True))
+    for pair, offset in offsets.items():
+        pairs[pair] += 0.5 * offset @ offset / config.sigma_contact_offset**2
     for group in evidence.edges:
         if placed[list(group.instances)].all():
-            pairs[group.instances] += _of_edge(group, planes, config)
+            pairs[group.instances] += _of_edge(group, planes, offsets[group.instances], config)
     values = gtsam.Values()
     for s in np.nonzero(placed)[0].tolist():
         values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
@@ -51,7 +55,7 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     cosine = planes[:, :3] @ planes[:, :3].T
     both = np.triu(np.outer(placed, placed), k=1)
     upright = evidence.perpendicular & both
-    pairs[upright] += 0.5 * (cosine[upright] / config.sigma_perpendicularity) ** 2
+    pairs[upright] += cauchy_loss((cosine[upright] / config.sigma_perpendicularity) ** 2, config.upright_cauchy)
     # For each wall all others together count as one, however many there are.
     walls = np.outer(evidence.wall, evidence.wall) & both
     sine = manhattan_sine(cosine[walls], evidence.touching[walls])
@@ -81,8 +85,8 @@ def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: Est
     return config.initialization.absurd_weight * float(np.mean(absurd))
 
 
-def _of_edge(group: EdgeGroup, planes: FloatArray, config: EstimationConfig) -> float:
-    first, second = group.annotation_px(group.ends.misfits_px(planes))
+def _of_edge(group: EdgeGroup, planes: FloatArray, offset: FloatArray, config: EstimationConfig) -> float:
+    first, second = group.annotation_px(group.ends.misfits_px(planes, offset))
     shift, tilt = (first + second) / 2, (first - second) / 2
     squared = (shift / config.sigma_edge_shift_px) ** 2 + (tilt / config.sigma_edge_tilt_px) ** 2
     return float(cauchy_loss(squared, config.edge_cauchy))

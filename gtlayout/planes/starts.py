@@ -10,14 +10,15 @@ from dataclasses import replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import P
+from gtsam.symbol_shorthand import O, P
 
 from gtlayout.factors import depth_factor
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.initialization import initial_planes
 from gtlayout.planes.objective import cost_of
-from gtlayout.planes.structural_factors import plane_priors, structure_factors
+from gtlayout.planes.structural_factors import met, plane_priors, structure_factors
 from gtlayout.scene import FloatArray
 
 
@@ -42,6 +43,9 @@ def polish(evidence: Evidence, start: FloatArray, config: EstimationConfig) -> F
     for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
         graph.push_back(prior)
     values = gtsam.Values()
+    offsets = contact_offsets(evidence, start, config)
+    for c in met(evidence, start):
+        values.insertPoint3(O(c), offsets[c])
     for s in placed:
         values.insert(P(s), gtsam.OrientedPlane3(start[s]))
         index, weight = evidence.tracks_of(s, config.max_track_weight)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import P
+from gtsam.symbol_shorthand import O, P
 
 from gtlayout.factors import coplanarity_factor, edge_factor, perpendicularity_factor, plane_prior_factor
 from gtlayout.planes.config import EstimationConfig
@@ -16,30 +16,51 @@ from gtlayout.tracking.normalisation import TYPICAL_DEPTH
 def structure_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> gtsam.NonlinearFactorGraph:
     """All factors between planes, for the instances that have one in (S, 4) ``planes`` (NaN = none)."""
     graph = gtsam.NonlinearFactorGraph()
-    for factor in (*edge_factors(evidence, planes, config), *joint_factors(evidence, planes, config)):
-        graph.push_back(factor)
+    openings = [factor for _, factor in opening_factors(evidence, planes, config)]
+    for factors in (
+        edge_factors(evidence, planes, config),
+        offset_priors(evidence, planes, config),
+        openings,
+        right_angle_factors(evidence, planes, config),
+    ):
+        for factor in factors:
+            graph.push_back(factor)
     return graph
+
+
+def met(evidence: Evidence, planes: FloatArray) -> list[int]:
+    """Numbers of the contacts of which both planes are placed."""
+    return [c for c, pair in enumerate(evidence.contacts) if np.isfinite(planes[list(pair), 0]).all()]
+
+
+def offset_priors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
+    """One for each contact whose planes are placed."""
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, config.sigma_contact_offset)
+    return [gtsam.PriorFactorPoint3(O(c), np.zeros(3), noise) for c in met(evidence, planes)]
 
 
 def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
     """One for each annotated contact edge."""
     sigmas_px = np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])
     factors: list[gtsam.NonlinearFactor] = []
+    number = {pair: c for c, pair in enumerate(evidence.contacts)}
     for group in evidence.edges:
         if np.isfinite(planes[list(group.instances), 0]).all():
             camera = group.camera
             noise = _cauchy(camera.annotation_scale * sigmas_px, config.edge_cauchy)
             projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
             keys = P(group.instances[0]), P(group.instances[1])
-            factors.append(edge_factor(keys, group.representatives_px, projection, noise))
+            factors.append(edge_factor(keys, O(number[group.instances]), group.representatives_px, projection, noise))
     return factors
 
 
-def joint_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> list[gtsam.NonlinearFactor]:
-    """Doors and windows in their walls, and right angles."""
-    factors = [factor for _, factor in opening_factors(evidence, planes, config)]
+def right_angle_factors(
+    evidence: Evidence, planes: FloatArray, config: EstimationConfig
+) -> list[gtsam.NonlinearFactor]:
+    """One for each two instances that should be at right angles."""
+    factors: list[gtsam.NonlinearFactor] = []
     sigma = np.array([config.sigma_perpendicularity])
-    upright, between_walls = _cauchy(sigma, np.inf), _cauchy(sigma, config.right_angle_cauchy)
+    upright, between_walls = _cauchy(sigma, config.upright_cauchy), _cauchy(sigma, config.right_angle_cauchy)
     for a, b in _right_angles(evidence, planes, config).tolist():
         both_walls = evidence.wall[a] and evidence.wall[b]
         factors.append(perpendicularity_factor((P(a), P(b)), between_walls if both_walls else upright))

@@ -21,7 +21,7 @@ from gtlayout.planes.arrow import eliminate, inverse, solve
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
 from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
 from gtlayout.planes.evidence import Evidence
-from gtlayout.planes.linear_system import EDGE, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
+from gtlayout.planes.linear_system import ANGLE, EDGE, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.linearisation import linearise
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.tracks import Tracks
@@ -45,13 +45,17 @@ class Scales:
     """Errors of depth that points of an instance share."""
     edge: float
     """Errors of annotated edges."""
+    offset: float
+    angle: float
+    """Deviations from right angles."""
+    """How far drawn lines lie from where planes meet."""
 
 
 def error_scales(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Scales:
     """The scale of errors from the residuals at (S, 4) ``planes``."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     _, scale, _ = _scales(linearise(tracks, evidence, planes, placed, config), config.uncertainty)
-    return Scales(float(scale[SHARED_DEPTH]), float(scale[EDGE]))
+    return Scales(float(scale[SHARED_DEPTH]), float(scale[EDGE]), float(scale[OFFSET]), float(scale[ANGLE]))
 
 
 def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Uncertainty:
@@ -78,14 +82,14 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
 
 
 def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(3P, 3P) covariance of the planes at the estimated scales, (5,) these scales by family, and the (R,) weights it
+    """(3P, 3P) covariance of the planes at the estimated scales, (7,) these scales by family, and the (R,) weights it
     was made with.
 
     Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales. The
     scales are one update newer than the covariance and its weights.
     """
     rows, size = linear.rows, linear.size
-    scale = np.ones(5)
+    scale = np.ones(7)
     weight = np.ones(len(size))
     for _ in range(config.rounds):
         row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
@@ -99,8 +103,10 @@ def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray
         freedom = config.student_freedom
         robust = linear.family != PRIOR
         weight = np.where(robust, (freedom + size) / (freedom + error / scale[linear.family] ** 2), 1.0)
-        for family in (TRACK, SHARED_DEPTH, EDGE):
+        for family in (TRACK, SHARED_DEPTH, EDGE, OFFSET, ANGLE):
             own = linear.family == family
+            if not own.any():
+                continue
             measured = np.sum(weight[own] * expected[own]) + config.prior_measurements
             scale[family] = np.sqrt(measured / (np.sum(size[own]) + config.prior_measurements))
     return covariance.root, scale, row_weight
