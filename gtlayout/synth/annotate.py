@@ -29,7 +29,9 @@ SIMPLIFY_PX = 1.5
 CONTACT_M = 0.01
 """Neighbours in the image touch where they are no further apart along the ray."""
 RELIEF_M = 0.15
-"""Neighbours with trim touch where either is no further off the other's plane."""
+"""Neighbours with trim touch where either is no further off the other's plane, and …"""
+RELIEF_REACH_M = 0.5
+"""… they are no further apart along the ray, which may run along that plane."""
 _GRID_PX = 1e-5
 """Corners closer than this are one."""
 _STRAIGHT_PX = 0.15
@@ -130,10 +132,8 @@ def occlusion_edges(drawing: Drawing, camera: Camera) -> tuple[FloatArray, ...]:
         points = np.linspace(start, (x, y), 5)[1:-1]
         depths = [1 / inverse_depth(drawing.surfaces[number], camera, points) for number in (first, second)]
         rays = np.linalg.norm(camera.rays_world(points), axis=1)
-        jump = (np.abs(depths[0] - depths[1]) * rays).max() > CONTACT_M
-        if jump and not _joined_by_trim(
-            drawing, (first, second), camera.center_world, camera.rays_world(points), depths
-        ):
+        jump_m = float((np.abs(depths[0] - depths[1]) * rays).max())
+        if jump_m > CONTACT_M and not _joined_by_trim(drawing, (first, second), camera, points, jump_m):
             apart.append((start, (x, y)))
     merged = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(apart))) if apart else []
     return tuple(shapely.get_coordinates(line) for line in merged)
@@ -166,23 +166,21 @@ def _drawn(drawing: Drawing, number: int, camera: Camera) -> MultiPolygon:
 
 
 def _joined_by_trim(
-    drawing: Drawing,
-    pair: tuple[int, int],
-    center_world: FloatArray,
-    rays_world: FloatArray,
-    depths: Sequence[FloatArray],
+    drawing: Drawing, pair: tuple[int, int], camera: Camera, points_px: FloatArray, jump_m: float
 ) -> bool:
-    """Whether neighbours that are apart along (N, 3) rays, at (N,) depths each, touch in a person's mind."""
+    """Whether neighbours that are up to ``jump_m`` apart along the rays of (N, 2) px touch in a person's mind."""
     first, second = pair
     if not (drawing.trimmed[first] or drawing.trimmed[second]):
         return False
     if drawing.hosts[first] == second or drawing.hosts[second] == first:
         return True
+    rays = camera.rays_world(points_px)
     off_m = []
-    for depth, other in zip(depths, (second, first), strict=True):
+    for number, other in (pair, pair[::-1]):
+        depth = 1 / inverse_depth(drawing.surfaces[number], camera, points_px)
         plane = drawing.surfaces[other]
-        off_m.append(np.abs((center_world + depth[:, None] * rays_world) @ plane.normal + plane.d).max())
-    return bool(min(off_m) <= RELIEF_M)
+        off_m.append(np.abs((camera.center_world + depth[:, None] * rays) @ plane.normal + plane.d).max())
+    return bool(jump_m <= RELIEF_REACH_M and min(off_m) <= RELIEF_M)
 
 
 def _drawn_with(surfaces: Sequence[Surface]) -> IntArray:
