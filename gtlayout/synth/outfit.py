@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import shapely
 
-from gtlayout.scene import FloatArray
+from gtlayout.scene import FloatArray, Label
 from gtlayout.synth import textures
 from gtlayout.synth.baseboards import fit_baseboards
 from gtlayout.synth.fitting import Fitter
@@ -55,7 +55,7 @@ class Outfit:
             size_m = sizes.baseboard_height_m, sizes.baseboard_thickness_m
             gaps = {run.wall: [run.back_world]} if run is not None else {}
             trim += fit_baseboards(building, size_m, sizes.baseboard_share, gaps, paint, fitter)
-        depths_m = {"door": sizes.door_reveal_m, "window": sizes.window_reveal_m}
+        depths_m: dict[Label, float] = {"door": sizes.door_reveal_m, "window": sizes.window_reveal_m}
         building, reveals = recess(building, depths_m, drawn_with_opening, textures.REVEAL_PAINTER, fitter)
         trim += reveals
         if run is not None:
