@@ -16,6 +16,7 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.scene import OPENINGS, BoolArray, Camera, Element, FloatArray, IntArray, KeyFrame
+from gtlayout.synth.corners import moved_lines, moved_region, one_corner
 from gtlayout.synth.render import Cast, faces_camera, inverse_depth, project_polygon
 from gtlayout.synth.room import Room
 from gtlayout.synth.surfaces import Surface, host_of
@@ -65,7 +66,8 @@ def annotate(
     """Draw the room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
 
     An element is drawn through furniture, as far as other parts of the building do not hide it. Walls are drawn through
-    the doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps.
+    the doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps. With trim,
+    corners next to each other are one.
     ``rng`` shuffles the ids.
     Returns the key frame and, for each element's id, the name of its surface.
     """
@@ -75,6 +77,12 @@ def annotate(
         for number, surface in enumerate(drawing.surfaces)
         if surface.label is not None and not (region := _drawn(drawing, number, camera)).is_empty
     }
+    lines = occlusion_edges(drawing, camera)
+    if any(drawing.trimmed):
+        by_hand = one_corner(drawing.regions, camera)
+        moved = {number: _polygons(moved_region(region, by_hand)) for number, region in amodal.items()}
+        amodal = {number: region for number, region in moved.items() if not region.is_empty}
+        lines = moved_lines(lines, by_hand)
     elements: list[Element] = []
     names: dict[str, str] = {}
     for number in rng.permutation(list(amodal)):
@@ -83,7 +91,7 @@ def annotate(
         visible = visible_parts(hits.surface == number)
         elements.append(Element(f"e{len(elements)}", surface.label, amodal[number], visible))
         names[elements[-1].id] = surface.name
-    return KeyFrame(frame, tuple(elements), occlusion_edges(drawing, camera)), names
+    return KeyFrame(frame, tuple(elements), lines), names
 
 
 def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
