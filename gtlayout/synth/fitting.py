@@ -1,4 +1,4 @@
-"""Puts trim into a painted room: baseboards, recessed doors and windows, kitchen cupboards."""
+"""Makes the surfaces of trim and cupboards: painted and lit like the room they are put into."""
 
 from __future__ import annotations
 

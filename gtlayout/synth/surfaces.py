@@ -137,8 +137,9 @@ def lamp_light(lamp_world: FloatArray, boxes: Sequence[Box]) -> Light:
 
 
 def host_of(surfaces: Sequence[Surface], number: int) -> int | None:
-    """The surface that a door or window lies in: named by it when recessed, else the one whose plane and outline it
-    shares, drawn before it. None for all others.
+    """The surface that a door or window lies in, None for all others.
+
+    A recessed one names it, else it is drawn before the opening and shares its plane.
     """
     opening = surfaces[number]
     if opening.label not in OPENINGS:
