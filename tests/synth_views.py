@@ -27,8 +27,12 @@ def the_room(kind: RoomKind) -> Room:
 
 @cache
 def views(kind: RoomKind) -> tuple[Camera, ...]:
+    return views_of(the_room(kind))
+
+
+def views_of(room: Room) -> tuple[Camera, ...]:
     """From where one may stand in the near half, towards what is worth seeing."""
-    room, rng = the_room(kind), np.random.default_rng(SEED)
+    rng = np.random.default_rng(SEED)
     low, high = np.reshape(room.standing.bounds, (2, 2))
     found: list[Camera] = []
     while len(found) < 6:

@@ -79,6 +79,23 @@ def test_all_flags_work_together_and_the_same_flags_give_the_same_bytes(tmp_path
     assert len([name for name in first if name.startswith("depth/")]) == 2
 
 
+def test_trim_is_asked_for_by_flags(plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = (
+        *("--baseboard-height-m", "0.08", "--baseboard-thickness-m", "0.02", "--baseboards", "1"),
+        *("--window-reveal-m", "0.1", "--door-reveal-m", "0.06", "--kitchen", "1", "--plinth-height-m", "0.12"),
+        *("--plinth-recess-m", "0.05", "--worktop-overhang-m", "0.03", "--corner-error-px", "0"),
+    )
+    made = _synth(tmp_path / "room", *flags)
+    before, after = (json.loads((root / "gt_planes.json").read_text())["planes"] for root in (plain, made))
+    assert after["window_0"]["d"] - before["window_0"]["d"] == pytest.approx(0.1, rel=1 / 3)
+    for name in ("floor", "wall_2"):
+        assert (after[name]["d"], after[name]["normal"]) == (before[name]["d"], before[name]["normal"])
+    assert main(["synth", "--help"]) == 0
+    printed = capsys.readouterr().out
+    assert "Trim" in printed
+    assert all(flag in printed for flag in flags if flag.startswith("--"))
+
+
 def test_errors_of_cameras_change_the_cameras_and_nothing_else(plain: Path, tmp_path: Path) -> None:
     errors = ("--camera-rotation-error-deg", "0.5", "--camera-position-error-m", "0.05", "--focal-error", "0.02")
     off = _synth(tmp_path / "off", "--corner-error-px", "0", *errors)
@@ -127,6 +144,7 @@ def test_a_recorded_path_is_replayed(tmp_path: Path) -> None:
         (("--camera", "drone"), 2, "drone"),
         (("--noise", "-1"), 2, "--noise"),
         (("--missing", "1.5"), 2, "--missing"),
+        (("--door-reveal-m", "-0.1"), 2, "--door-reveal-m"),
         (("--camera-rotation-error-deg", "much"), 2, "much"),
         (("--frames", "1"), 1, "gtlayout: synthetic scene: frames must be at least 2"),
         (("--hfov-deg", "170"), 1, "gtlayout: synthetic scene: hfov_deg must lie between 20 and 120"),

@@ -51,12 +51,17 @@ def test_rooms_differ_in_all_that_may_vary_and_in_nothing_else() -> None:
         ([room.annotator.edge_sigma_px for room in rooms], 0, POOR.annotator.edge_sigma_px),
         ([room.annotator.swapped_share for room in rooms], 0, POOR.annotator.swapped_share),
         ([room.camera_errors.rotation_sigma_deg for room in rooms], 0, POOR.camera_errors.rotation_sigma_deg),
+        ([room.trim.baseboard_thickness_m for room in rooms], 0, POOR.trim.baseboard_thickness_m),
+        ([room.trim.kitchen_share for room in rooms], 0, POOR.trim.kitchen_share),
     ):
         low, high = sorted((clean, poor))
         assert low <= min(values) < low + 0.1 * (high - low)
         assert high - 0.1 * (high - low) < max(values) <= high
-    shares = [[room.texture, room.annotator.edge_sigma_px, room.camera_errors.position_sigma_m] for room in rooms]
-    assert np.abs(np.corrcoef(shares, rowvar=False) - np.eye(3)).max() < 0.2, "independent of one another"
+    shares = [
+        [room.texture, room.annotator.edge_sigma_px, room.camera_errors.position_sigma_m, room.trim.door_reveal_m]
+        for room in rooms
+    ]
+    assert np.abs(np.corrcoef(shares, rowvar=False) - np.eye(4)).max() < 0.2, "independent of one another"
     same = ("frames", "key_every", "width", "height", "oversample", "jpeg_quality", "hfov_deg", "replay")
     assert {getattr(room, name) == getattr(SMALL, name) for room in rooms for name in same} == {True}
 
@@ -79,16 +84,17 @@ def test_a_room_follows_from_its_number_and_the_seed() -> None:
 
 def test_what_is_given_holds_and_changes_nothing_else() -> None:
     config = replace(SMALL, annotator=replace(SMALL.annotator, missing_share=0.5))
-    given = ("room", "texture", "missing_share", "position_sigma_m")
+    given = ("room", "texture", "missing_share", "position_sigma_m", "kitchen_share")
     for number in range(20):
         free, held = varied(number, config, ()), varied(number, config, given)
         assert (held.room, held.texture, held.annotator.missing_share) == ("box", 1.0, 0.5)
-        assert held.camera_errors.position_sigma_m == 0
+        assert (held.camera_errors.position_sigma_m, held.trim.kitchen_share) == (0, 0)
         assert (
             replace(
                 held,
                 room=free.room,
                 texture=free.texture,
+                trim=replace(held.trim, kitchen_share=free.trim.kitchen_share),
                 annotator=replace(held.annotator, missing_share=free.annotator.missing_share),
                 camera_errors=replace(held.camera_errors, position_sigma_m=free.camera_errors.position_sigma_m),
             )
@@ -104,7 +110,8 @@ def test_the_command_makes_the_rooms_as_if_each_were_made_alone(three: Path, tmp
         assert len(load_scene(three / f"room_{number:04d}").key_frames) == 2
     settings = json.loads((three / "data_set.json").read_text())
     assert settings["width"] == 96
-    assert not {"room", "noise_sigma", "edge_sigma_px"} & set(settings)
+    assert settings["baseboard_share"] == 0.8
+    assert not {"room", "noise_sigma", "edge_sigma_px", "door_reveal_m"} & set(settings)
 
 
 def test_flags_hold_for_all_rooms_even_at_their_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,7 +32,7 @@ def synth(
     out
         Folder to make; it must not exist or be empty. With --count it may hold rooms made with the same flags.
     count
-        Make a data set of so many rooms, OUT/room_0000 …, on all cores. Room, camera (orbit or dolly), images and
+        Make a data set of so many rooms, OUT/room_0000 …, on all cores. Room, camera (orbit or dolly), images, trim and
         errors vary from clean to poor; flags that are given hold for all rooms. Rooms that exist are not
         changed: the same command again makes those that are missing, and a greater number adds rooms.
     config

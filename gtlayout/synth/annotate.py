@@ -16,9 +16,10 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from gtlayout.scene import OPENINGS, BoolArray, Camera, Element, FloatArray, IntArray, KeyFrame
+from gtlayout.synth.corners import moved_lines, moved_region, one_corner
 from gtlayout.synth.render import Cast, faces_camera, inverse_depth, project_polygon
 from gtlayout.synth.room import Room
-from gtlayout.synth.surfaces import Surface
+from gtlayout.synth.surfaces import Surface, host_of
 
 MIN_AREA_SHARE = 1e-3
 """Of the image: nobody draws smaller pieces."""
@@ -28,6 +29,10 @@ image border is left to its wall when it is not even twice as wide."""
 SIMPLIFY_PX = 1.5
 CONTACT_M = 0.01
 """Neighbours in the image touch where they are no further apart along the ray."""
+RELIEF_M = 0.15
+"""Neighbours with trim touch where either is no further off the other's plane, and …"""
+RELIEF_REACH_M = 0.5
+"""… they are no further apart along the ray, which may run along that plane."""
 _GRID_PX = 1e-5
 """Corners closer than this are one."""
 _STRAIGHT_PX = 0.15
@@ -45,6 +50,9 @@ class Drawing:
     common boundary, also those where that boundary ends on a third surface."""
     hosts: tuple[int | None, ...]
     """For each door and window the surface it lies in."""
+    trimmed: tuple[bool, ...]
+    """Whether a surface has trim or reveals, or is part of another. Trim is in the region of the surface that it is
+    drawn with and has none of its own."""
 
     def whole(self, number: int) -> MultiPolygon:
         """What is seen of a surface together with the openings in it."""
@@ -58,7 +66,8 @@ def annotate(
     """Draw the room's structure, and what of it ``hits`` (one sample a pixel) sees beside the furniture.
 
     An element is drawn through furniture, as far as other parts of the building do not hide it. Walls are drawn through
-    the doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps.
+    the doors and windows that lie on top of them. Occlusion edges run wherever the building's depth jumps. With trim,
+    corners next to each other are one.
     ``rng`` shuffles the ids.
     Returns the key frame and, for each element's id, the name of its surface.
     """
@@ -68,6 +77,12 @@ def annotate(
         for number, surface in enumerate(drawing.surfaces)
         if surface.label is not None and not (region := _drawn(drawing, number, camera)).is_empty
     }
+    lines = occlusion_edges(drawing, camera)
+    if any(drawing.trimmed):
+        by_hand = one_corner(drawing.regions, camera)
+        moved = {number: _polygons(moved_region(region, by_hand)) for number, region in amodal.items()}
+        amodal = {number: region for number, region in moved.items() if not region.is_empty}
+        lines = moved_lines(lines, by_hand)
     elements: list[Element] = []
     names: dict[str, str] = {}
     for number in rng.permutation(list(amodal)):
@@ -76,11 +91,11 @@ def annotate(
         visible = visible_parts(hits.surface == number)
         elements.append(Element(f"e{len(elements)}", surface.label, amodal[number], visible))
         names[elements[-1].id] = surface.name
-    return KeyFrame(frame, tuple(elements), occlusion_edges(drawing, camera)), names
+    return KeyFrame(frame, tuple(elements), lines), names
 
 
 def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
-    """What the camera sees of each of the surfaces; of coplanar ones the last is on top."""
+    """What the camera sees of each of the surfaces, trim included; of coplanar ones the last is on top."""
     image = shapely.box(0, 0, camera.width, camera.height)
     outlines = [_outline(surface, camera) for surface in surfaces]
     # All in one go on a grid: neighbours' edges lie on top of each other but for rounding, which upsets overlays.
@@ -88,7 +103,9 @@ def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
     inside = shapely.point_on_surface(faces)
     faces, inside = faces[image.contains(inside)], inside[image.contains(inside)]
-    owners = _nearest(surfaces, outlines, camera, shapely.get_coordinates(inside))
+    drawn_with = _drawn_with(surfaces)
+    nearest = _nearest(surfaces, outlines, camera, shapely.get_coordinates(inside))
+    owners = np.where(nearest >= 0, drawn_with[nearest], -1)
     seen = np.unique(owners[owners >= 0])
     merged = shapely.coverage_simplify(
         [shapely.coverage_union_all(faces[owners == number]) for number in seen], _STRAIGHT_PX
@@ -96,13 +113,17 @@ def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
     regions = [MultiPolygon()] * len(surfaces)
     for number, region in zip(seen, merged, strict=True):
         regions[number] = _polygons(region)
-    return Drawing(surfaces, tuple(regions), tuple(_host(surfaces, number) for number in range(len(surfaces))))
+    hosts = tuple(host_of(surfaces, number) for number in range(len(surfaces)))
+    whole = {surface.part_of for surface in surfaces}
+    trimmed = tuple(surface.part_of is not None or surface.name in whole for surface in surfaces)
+    return Drawing(surfaces, tuple(regions), hosts, trimmed)
 
 
 def occlusion_edges(drawing: Drawing, camera: Camera) -> tuple[FloatArray, ...]:
     """(N, 2) px polylines along which neighbours are apart in space.
 
-    Also where neither is worth drawing: what is drawn beyond a narrow one must not seem to touch.
+    Also where neither is worth drawing: what is drawn beyond a narrow one must not seem to touch. A person takes what
+    trim joins for touching, such as a floor and the wall behind a baseboard.
     """
     owner: dict[tuple[float, ...], int] = {}
     for number, region in enumerate(drawing.regions):
@@ -119,7 +140,8 @@ def occlusion_edges(drawing: Drawing, camera: Camera) -> tuple[FloatArray, ...]:
         points = np.linspace(start, (x, y), 5)[1:-1]
         depths = [1 / inverse_depth(drawing.surfaces[number], camera, points) for number in (first, second)]
         rays = np.linalg.norm(camera.rays_world(points), axis=1)
-        if (np.abs(depths[0] - depths[1]) * rays).max() > CONTACT_M:
+        jump_m = float((np.abs(depths[0] - depths[1]) * rays).max())
+        if jump_m > CONTACT_M and not _joined_by_trim(drawing, (first, second), camera, points, jump_m):
             apart.append((start, (x, y)))
     merged = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(apart))) if apart else []
     return tuple(shapely.get_coordinates(line) for line in merged)
@@ -151,11 +173,48 @@ def _drawn(drawing: Drawing, number: int, camera: Camera) -> MultiPolygon:
     return MultiPolygon() if sliver else region
 
 
+def _joined_by_trim(
+    drawing: Drawing, pair: tuple[int, int], camera: Camera, points_px: FloatArray, jump_m: float
+) -> bool:
+    """Whether neighbours that are up to ``jump_m`` apart along the rays of (N, 2) px touch in a person's mind."""
+    first, second = pair
+    if not (drawing.trimmed[first] or drawing.trimmed[second]):
+        return False
+    if drawing.hosts[first] == second or drawing.hosts[second] == first:
+        return True
+    rays = camera.rays_world(points_px)
+    off_m = []
+    for number, other in (pair, pair[::-1]):
+        depth = 1 / inverse_depth(drawing.surfaces[number], camera, points_px)
+        plane = drawing.surfaces[other]
+        off_m.append(np.abs((camera.center_world + depth[:, None] * rays) @ plane.normal + plane.d).max())
+    return bool(jump_m <= RELIEF_REACH_M and min(off_m) <= RELIEF_M)
+
+
+def _drawn_with(surfaces: Sequence[Surface]) -> IntArray:
+    """(N,) for each surface the one in whose region it is drawn: itself, or that which it is the trim of."""
+    numbers = {surface.name: number for number, surface in enumerate(surfaces)}
+    return np.array(
+        [
+            numbers[surface.part_of] if surface.label is None and surface.part_of is not None else number
+            for number, surface in enumerate(surfaces)
+        ]
+    )
+
+
 def _outline(surface: Surface, camera: Camera) -> MultiPolygon:
-    """A surface's projection, px, as if nothing hid it."""
-    outline = project_polygon(camera, surface.corners_world) if faces_camera(surface, camera) else np.empty((0, 2))
-    # A polygon cut at the near plane may run there and back along the cut.
-    return _polygons(shapely.make_valid(Polygon(outline))) if len(outline) >= 3 else MultiPolygon()
+    """A surface's projection without its holes, px, as if nothing hid it."""
+    if not faces_camera(surface, camera):
+        return MultiPolygon()
+    outline = _filled(project_polygon(camera, surface.corners_world))
+    for hole in surface.holes_world:
+        outline = _polygons(outline - _filled(project_polygon(camera, hole)))
+    return outline
+
+
+def _filled(ring_px: FloatArray) -> MultiPolygon:
+    """A polygon cut at the near plane may run there and back along the cut."""
+    return _polygons(shapely.make_valid(Polygon(ring_px))) if len(ring_px) >= 3 else MultiPolygon()
 
 
 def _nearest(
@@ -172,20 +231,6 @@ def _nearest(
         wins = shapely.contains_xy(outline, points) & (inverse > nearest * _COPLANAR)
         found[wins], nearest[wins] = number, inverse[wins]
     return found
-
-
-def _host(surfaces: Sequence[Surface], number: int) -> int | None:
-    """The surface before an opening in whose plane and outline it lies."""
-    opening = surfaces[number]
-    if opening.label not in OPENINGS:
-        return None
-    corners = opening.corners_world
-    for other, surface in enumerate(surfaces[:number]):
-        off = np.abs(corners @ surface.normal + surface.d).max()
-        inside = Polygon(surface.corners_uv).buffer(1e-6).covers(Polygon(surface.frame.to_plane(corners)))
-        if surface.label not in OPENINGS and off < 1e-6 and opening.normal @ surface.normal > 0 and inside:
-            return other
-    return None
 
 
 def _polygons(geometry: shapely.Geometry) -> MultiPolygon:

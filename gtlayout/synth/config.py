@@ -14,11 +14,13 @@ from gtlayout.io.writing.scene_writers import AnnotationFormat, CameraFormat
 from gtlayout.synth.errors import AnnotatorErrors, CameraErrors, NotNegative, Share
 from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import RoomKind
+from gtlayout.synth.trim import NO_TRIM, Trim
 
 HFOV_DEG = 65.0
 """The default: that of a phone's video."""
 
 WORLD = Group.create_ordered("World")
+TRIM = Group.create_ordered("Trim")
 CAMERA = Group.create_ordered("Camera")
 IMAGES = Group.create_ordered("Images")
 ANNOTATOR = Group.create_ordered("Errors of the annotator")
@@ -41,6 +43,8 @@ class SynthConfig:
     """Kind of floor plan or ceiling."""
     texture: Annotated[float, Parameter(group=WORLD, validator=Share)] = 1.0
     """Strength of the texture on walls, floor and ceiling; 0 = bare."""
+    trim: Annotated[Trim, Parameter(name="*", group=TRIM)] = NO_TRIM
+    """Baseboards, reveals and kitchens."""
     camera: Annotated[CameraKind, Parameter(group=CAMERA)] = "orbit"
     """Hand-held arc, real-estate dolly, or a camera that only turns (which shows no depth)."""
     replay: Annotated[Path | None, Parameter(group=CAMERA)] = None

@@ -19,6 +19,7 @@ from gtlayout.synth.levels import LEVELS
 from gtlayout.synth.paths import CameraKind
 from gtlayout.synth.room import ROOM_KINDS
 from gtlayout.synth.scene import synthesize
+from gtlayout.synth.trim import Trim
 from gtlayout.version import __version__
 
 FORMAT = "gtlayout-data-set/1"
@@ -27,22 +28,23 @@ FILE = "data_set.json"
 CAMERA_KINDS: tuple[CameraKind, ...] = ("orbit", "dolly")
 """Not a camera that only turns: it shows no depth, so that there is no right answer."""
 
-Part = TypeVar("Part", SynthConfig, AnnotatorErrors, CameraErrors)
+Part = TypeVar("Part", SynthConfig, AnnotatorErrors, CameraErrors, Trim)
 
 
 def varied(number: int, config: SynthConfig, given: Collection[str]) -> SynthConfig:
     """The settings of room ``number`` (from 0) of a data set, which do not depend on the other rooms.
 
-    Ten rooms in a row show each kind of room with each kind of camera path. Images, annotator and cameras each lie
-    somewhere between the levels clean and poor, independently: a good film may be badly annotated. Each room has a seed
-    of its own, drawn from ``number`` and the seed of ``config``. All that does not vary is as in ``config``, and so are
-    the fields that ``given`` names, those of the annotator and the cameras among them.
+    Ten rooms in a row show each kind of room with each kind of camera path. Images, annotator, cameras and trim each
+    lie somewhere between the levels clean and poor, independently: a good film may be badly annotated. Each room has a
+    seed of its own, drawn from ``number`` and the seed of ``config``. All that does not vary is as in ``config``, and
+    so are the fields that ``given`` names, those of the annotator, the cameras and the trim among them.
     """
     rng = np.random.default_rng([config.seed, number])
     seed = int(rng.integers(2**53))
-    shares = rng.random(3)
+    shares = rng.random(4)
     levels = [*LEVELS.values()]
     annotators, cameras = [level.annotator for level in levels], [level.camera_errors for level in levels]
+    trims = [level.trim for level in levels]
     room, camera = ROOM_KINDS[number % len(ROOM_KINDS)], CAMERA_KINDS[number % len(CAMERA_KINDS)]
     return replace(
         _between(levels, shares[0], config, given),
@@ -50,6 +52,7 @@ def varied(number: int, config: SynthConfig, given: Collection[str]) -> SynthCon
         room=config.room if "room" in given else room,
         camera=config.camera if "camera" in given else camera,
         annotator=_between(annotators, shares[1], config.annotator, given),
+        trim=_between(trims, shares[3], config.trim, given),
         camera_errors=_between(cameras, shares[2], config.camera_errors, given),
     )
 
@@ -132,7 +135,8 @@ def _settings(config: SynthConfig, given: Collection[str]) -> dict[str, Any]:
     levels = [*LEVELS.values()]
     vary = {"room", "camera", *_varying(levels)}
     vary |= {*_varying([level.annotator for level in levels]), *_varying([level.camera_errors for level in levels])}
+    vary |= {*_varying([level.trim for level in levels])}
     flat = asdict(config)
-    flat |= flat.pop("annotator") | flat.pop("camera_errors")
+    flat |= flat.pop("annotator") | flat.pop("camera_errors") | flat.pop("trim")
     flat["replay"] = None if config.replay is None else str(config.replay)
     return {name: value for name, value in flat.items() if name in given or name not in vary}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import shapely
@@ -18,6 +18,9 @@ from shapely import LineString, MultiPolygon, Polygon
 from gtlayout.errors import GtlayoutError
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, IntArray, KeyFrame, Label
 from gtlayout.synth.motion import drift
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 CONFUSED: dict[Label, tuple[Label, ...]] = {
     "floor": ("wall",),
@@ -62,7 +65,7 @@ class AnnotatorErrors:
 
     def __post_init__(self) -> None:
         """Refuse what is no error."""
-        _check(self)
+        check_amounts(self)
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class CameraErrors:
 
     def __post_init__(self) -> None:
         """Refuse what is no error."""
-        _check(self)
+        check_amounts(self)
 
 
 def disturb(key_frame: KeyFrame, camera: Camera, errors: AnnotatorErrors, rng: np.random.Generator) -> KeyFrame:
@@ -127,9 +130,10 @@ def disturb_cameras(cameras: tuple[Camera, ...], errors: CameraErrors, rng: np.r
     return tuple(reported)
 
 
-def _check(errors: AnnotatorErrors | CameraErrors) -> None:
-    for field in fields(errors):
-        value = getattr(errors, field.name)
+def check_amounts(amounts: DataclassInstance) -> None:
+    """Raise GtlayoutError when a field of a parameter class is negative, or a share more than 1."""
+    for field in fields(amounts):
+        value = getattr(amounts, field.name)
         if not 0 <= value < np.inf:
             raise GtlayoutError(f"synthetic scene: {field.name} must not be negative")
         if field.name.endswith("_share") and value > 1:

@@ -29,7 +29,7 @@ def seen_extents(
     """What key frames show of each surface drawn in them, furniture thought away.
 
     ``views`` are true cameras, exact key frames (see ``synth_annotate.annotate``) and the surface's name for each of
-    their elements' ids. A wall's extent includes its doors and windows.
+    their elements' ids. A wall's extent includes its doors and windows, and trim that it is drawn with.
     Returns polygons by surface name, each as its shell and holes, rings of (N, 3) points, m.
     """
     by_name = {surface.name: surface for surface in room.structure}
@@ -42,10 +42,20 @@ def seen_extents(
     for name, surface in by_name.items():
         if name in seen:
             union = shapely.union_all(seen[name], grid_size=_GRID_M)
-            region = shapely.intersection(union, Polygon(surface.corners_uv), grid_size=_GRID_M)
+            region = shapely.intersection(union, _drawn_as(surface, room), grid_size=_GRID_M)
             parts = _tidy(region.simplify(_STRAIGHT_M))
             extents[name] = [[surface.frame.to_world(ring) for ring in rings_of(MultiPolygon([p]))] for p in parts]
     return extents
+
+
+def _drawn_as(surface: Surface, room: Room) -> shapely.Geometry:
+    """All that can be drawn of a surface, on its plane: itself, and right before or behind it what is drawn with it."""
+    trim = [surface.frame.to_plane(part.corners_world) for part in room.building if part.part_of == surface.name]
+    if not trim:
+        return Polygon(surface.corners_uv)
+    # Those at right angles to the surface have no width on it.
+    upon_it = polygons(shapely.union_all([shapely.make_valid(Polygon(corners)) for corners in trim]))
+    return polygons(shapely.union_all([Polygon(surface.corners_uv), upon_it], grid_size=_GRID_M))
 
 
 def _on_surface(region_px: MultiPolygon, surface: Surface, camera: Camera) -> MultiPolygon:

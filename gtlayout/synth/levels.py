@@ -6,11 +6,13 @@ from dataclasses import replace
 
 from gtlayout.synth.config import SynthConfig
 from gtlayout.synth.errors import AnnotatorErrors, CameraErrors
+from gtlayout.synth.trim import HOME_TRIM
 
 CLEAN = SynthConfig()
 TYPICAL = replace(
     CLEAN,
     texture=0.5,
+    trim=HOME_TRIM,
     shutter_share=0.3,
     exposure_sigma_ev=0.2,
     annotator=AnnotatorErrors(corner_sigma_px=2.0, edge_sigma_px=2.0, missing_occlusion_share=0.1),
@@ -19,6 +21,7 @@ TYPICAL = replace(
 POOR = replace(
     CLEAN,
     texture=0.2,
+    trim=HOME_TRIM,
     noise_sigma=4.0,
     shutter_share=0.5,
     exposure_sigma_ev=0.4,

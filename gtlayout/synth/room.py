@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -13,10 +13,13 @@ from shapely import Polygon
 from gtlayout.scene import FloatArray
 from gtlayout.synth import textures
 from gtlayout.synth.furniture import LOW_M, furnish
+from gtlayout.synth.kitchen import Run
 from gtlayout.synth.materials import paint_plan
+from gtlayout.synth.outfit import Outfit
 from gtlayout.synth.plans import Plan, l_shaped, polygon, slanted, two_rooms
 from gtlayout.synth.surfaces import Box, Light, Surface, lamp_light, make_surface, opening
 from gtlayout.synth.textures import Painter, faded
+from gtlayout.synth.trim import NO_TRIM, Trim
 
 RoomKind = Literal["box", "l-shaped", "slanted", "two-rooms", "polygon"]
 ROOM_KINDS: tuple[RoomKind, ...] = get_args(RoomKind)
@@ -49,7 +52,7 @@ class Room:
 
     @property
     def building(self) -> tuple[Surface, ...]:
-        """All that one cannot look behind even in the mind: the structure and the reveals of doorways."""
+        """All that one cannot look behind even in the mind: the structure, its trim, and the reveals of doorways."""
         return self.surfaces[: self.built]
 
     @property
@@ -87,32 +90,45 @@ def _extrude(
     return surfaces
 
 
-def make_room(seed: int, kind: RoomKind = "box", texture: float = 1.0) -> Room:
+def make_room(seed: int, kind: RoomKind = "box", texture: float = 1.0, trim: Trim = NO_TRIM) -> Room:
     """A furnished room with a door and at least one window; the near end (low y) is left free for a camera.
 
     ``texture`` in [0, 1] is the contrast of walls, floor and ceiling: 0 is almost blank.
     """
     rng = np.random.default_rng([seed, 0])
+    outfit = Outfit.of_room(trim, np.random.default_rng([seed, 6]))
     if kind == "box":
-        return _box_room(texture, rng)
+        return _box_room(texture, outfit, rng)
     plan = _PLANS[kind](rng)
+    walls = {p.name: p.corners_world[:2] for p in plan.panels if p.label == "wall" and p.room == 0}
+    run = outfit.place_kitchen(walls, plan.floor(0) - plan.clear)
+    if run is not None:
+        plan = replace(plan, clear=shapely.union_all([plan.clear, run.place.buffer(CLEARANCE_M)]))
     boxes = furnish(plan, rng)
-    building = paint_plan(plan, boxes, texture, rng)
+    painted = paint_plan(plan, boxes, texture, rng)
     furniture = _paint_furniture(boxes, plan.lamps_world, rng)
-    standing = standing_place(plan.upright, boxes)
+    building = outfit.fitted(painted, run, texture, plan.lamps_world, boxes)
+    standing = standing_place(plan.upright, boxes, run)
     return Room((*building, *furniture), len(building), standing, plan.height_m, plan.focus)
 
 
-def _box_room(texture: float, rng: np.random.Generator) -> Room:
+def _box_room(texture: float, outfit: Outfit, rng: np.random.Generator) -> Room:
     """A box room with slightly crooked walls, a door, a window, and furniture that hides parts of floor and walls.
 
     3.2–4.6 m wide (x), 4.2–5.6 m long (y), 2.4–2.8 m high, every corner moved by up to 6 cm. Door and cupboard stand on
     opposite long walls, sofa and window at the far short one (y = length); the near end is left free for a camera.
+    A kitchen takes the cupboard's place.
     """
     width, length, height = rng.uniform((3.2, 4.2, 2.4), (4.6, 5.6, 2.8))
     footprint = np.array([[0, 0], [width, 0], [width, length], [0, length]]) + rng.uniform(-0.06, 0.06, (4, 2))
     mirrored = bool(rng.integers(2))
     boxes = _furniture(width, length, mirrored, rng)
+    door_wall, plain_wall = (_RIGHT, _LEFT) if mirrored else (_LEFT, _RIGHT)
+    foot = np.pad(footprint[[(plain_wall + 1) % 4, plain_wall]], ((0, 0), (0, 1)))
+    far_part = Polygon(footprint) & shapely.box(-1, length / 3, width + 1, length + 1)
+    run = outfit.place_kitchen({f"wall_{plain_wall}": foot}, far_part)
+    if run is not None:
+        del boxes[0]
     lamp = np.array([width / 2, 0.45 * length, height - 0.3])
     light = lamp_light(lamp, boxes)
 
@@ -124,7 +140,6 @@ def _box_room(texture: float, rng: np.random.Generator) -> Room:
         """The same on the far wall, from the wall with the door."""
         return width - x_m - size_m if mirrored else x_m
 
-    door_wall, plain_wall = (_RIGHT, _LEFT) if mirrored else (_LEFT, _RIGHT)
     pictures = {
         door_wall: ((u_side(door_wall, 0.3 * length, 0.5), 1.3, 0.5, 0.7),),
         plain_wall: (
@@ -149,8 +164,9 @@ def _box_room(texture: float, rng: np.random.Generator) -> Room:
     ]
     furniture = _paint_furniture(boxes, lamp[None], rng)
     focus = np.array([width / 2, length / 2])
-    standing = standing_place(Polygon(footprint), boxes)
-    return Room((*structure, *furniture), len(structure), standing, float(height), focus)
+    building = outfit.fitted(structure, run, texture, lamp[None], boxes)
+    standing = standing_place(Polygon(footprint), boxes, run)
+    return Room((*building, *furniture), len(building), standing, float(height), focus)
 
 
 def _paint_furniture(boxes: Sequence[Box], lamps_world: FloatArray, rng: np.random.Generator) -> list[Surface]:
@@ -163,9 +179,10 @@ def _paint_furniture(boxes: Sequence[Box], lamps_world: FloatArray, rng: np.rand
     return surfaces
 
 
-def standing_place(upright: Polygon, boxes: Sequence[Box]) -> Polygon:
-    """Where a camera may be: of ``upright`` (x, y) the largest part away from its border and from tall furniture."""
+def standing_place(upright: Polygon, boxes: Sequence[Box], run: Run | None) -> Polygon:
+    """Where a camera may be: of ``upright`` (x, y) the largest part away from border, cupboards and tall furniture."""
     tall = [Polygon(box.faces()[4][:, :2]) for box in boxes if box.centre[2] + box.size[2] / 2 > LOW_M]
+    tall += [run.place] if run is not None else []
     free = upright.buffer(-CLEARANCE_M, join_style="mitre")
     free -= shapely.union_all([footprint.buffer(CLEARANCE_M, join_style="mitre") for footprint in tall])
     return max((part for part in shapely.get_parts(free) if isinstance(part, Polygon)), key=lambda part: part.area)

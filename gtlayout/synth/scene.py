@@ -89,7 +89,7 @@ def shoot(room: Room, config: SynthConfig) -> Shot:
 
 
 def _write_scene(root: Path, config: SynthConfig, progress: Callable[[int, int], None]) -> None:
-    room = make_room(config.seed, config.room, config.texture)
+    room = make_room(config.seed, config.room, config.texture, config.trim)
     shot = shoot(room, config)
     opened = exposures(shot.path, shot.cameras, config.shutter_share)
     factors = gains(config.frames, config.exposure_sigma_ev, np.random.default_rng([config.seed, 3]))

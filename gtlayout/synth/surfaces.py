@@ -8,9 +8,10 @@ from functools import cached_property
 
 import cv2
 import numpy as np
+from shapely import Polygon
 
 from gtlayout.instances import PlaneFrame
-from gtlayout.scene import FloatArray, ImageArray, Label
+from gtlayout.scene import OPENINGS, FloatArray, ImageArray, Label
 from gtlayout.synth.textures import TEXEL_M, Painter
 
 Light = Callable[[FloatArray, FloatArray], FloatArray]
@@ -28,18 +29,27 @@ class Surface:
     name: str
     """A structural surface's name in the truth; openings share the plane of the surface drawn before them."""
     label: Label | None
-    """None for what nobody annotates: furniture, and the reveal of a doorway."""
+    """None for what nobody annotates by itself: furniture, trim, and the reveal of a doorway."""
     frame: PlaneFrame
     """Texture frame: the polygon lies at u, v >= 0."""
     corners_uv: FloatArray
     """(N, 2) simple polygon in ``frame``, metres."""
     mipmaps: tuple[ImageArray, ...]
     """BGR textures, each half the resolution of the one before; texel (0, 0) touches u = v = 0."""
+    part_of: str | None = None
+    """Of trim the surface that it is drawn with, of a recessed opening its wall."""
+    holes_uv: tuple[FloatArray, ...] = ()
+    """(N, 2) polygons that are cut out, for what lies behind: recessed openings."""
 
     @cached_property
     def corners_world(self) -> FloatArray:
         """(N, 3)."""
         return self.frame.to_world(self.corners_uv)
+
+    @cached_property
+    def holes_world(self) -> tuple[FloatArray, ...]:
+        """(N, 3) each."""
+        return tuple(self.frame.to_world(hole) for hole in self.holes_uv)
 
     @cached_property
     def normal(self) -> FloatArray:
@@ -124,6 +134,27 @@ def lamp_light(lamp_world: FloatArray, boxes: Sequence[Box]) -> Light:
         return brightness
 
     return light
+
+
+def host_of(surfaces: Sequence[Surface], number: int) -> int | None:
+    """The surface that a door or window lies in, None for all others.
+
+    A recessed one names it, else it is drawn before the opening and shares its plane.
+    """
+    opening = surfaces[number]
+    if opening.label not in OPENINGS:
+        return None
+    corners = opening.corners_world
+    for other, surface in enumerate(surfaces[:number]):
+        if opening.part_of is not None:
+            if opening.part_of == surface.name:
+                return other
+            continue
+        off = np.abs(corners @ surface.normal + surface.d).max()
+        inside = Polygon(surface.corners_uv).buffer(1e-6).covers(Polygon(surface.frame.to_plane(corners)))
+        if surface.label not in OPENINGS and off < 1e-6 and opening.normal @ surface.normal > 0 and inside:
+            return other
+    return None
 
 
 def opening(

@@ -186,6 +186,14 @@ CEILING_PAINTER: Painter = partial(plain, colour=(222, 224, 226), contrast=7)
 SLANTED_PAINTER: Painter = partial(
     blocks, colour=(150, 185, 205), block_m=(1.6, 0.14), joint_m=0.006, spread=9, grain=6
 )
+BASEBOARD_PAINTERS: tuple[Painter, ...] = (
+    partial(plain, colour=(228, 232, 234), contrast=3),
+    partial(blocks, colour=(75, 110, 145), block_m=(1.9, 0.3), joint_m=0.003, spread=6, grain=6),
+    partial(plain, colour=(70, 72, 76), contrast=4),
+)
+REVEAL_PAINTER: Painter = partial(plain, colour=(212, 216, 220), contrast=5)
+PLINTH_PAINTER: Painter = partial(plain, colour=(62, 64, 68), contrast=5)
+WORKTOP_PAINTER: Painter = partial(plain, colour=(58, 60, 66), contrast=12)
 FABRIC_PAINTER: Painter = partial(plain, colour=(110, 85, 75), contrast=12)
 WOOD_PAINTER: Painter = partial(blocks, colour=(75, 110, 145), block_m=(0.8, 0.2), joint_m=0.003, spread=6, grain=6)
 CABINET_PAINTER: Painter = partial(cabinet, colour=(95, 130, 160))
