@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from gtlayout.prediction.config import PredictionConfig
 
 
 @dataclass(frozen=True)
@@ -41,3 +43,16 @@ class RegroupingConfig:
     """They explain it only if they explain this many elements more than the best single plane."""
     max_shown_as_one: float = 0.4
     """Largest share of the votes by which key frames may show one part where the other should be."""
+    prediction: PredictionConfig = field(default_factory=PredictionConfig)
+    """How the elements of a key frame are matched to what all other key frames predict in it."""
+    min_known_share: float = 0.25
+    """The others say what an element shows only where they predict something on at least this share of it."""
+    min_swapped_iou: float = 0.8
+    """Two elements have each other's label when each matches an instance of the other label with at least this IoU."""
+    max_contradicted_iou: float = 0.3
+    """An element contradicts the others when its IoU with what they predict of its instance is below this. On real
+    clips right drawings have .69 and more."""
+    min_others: int = 2
+    """It does so only if at least this many other key frames show its instance: of two nobody knows which is wrong."""
+    max_contradicted_share: float = 0.5
+    """A key frame is left out as a whole when elements with more than this share of its drawn area contradict."""
