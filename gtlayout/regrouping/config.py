@@ -52,7 +52,17 @@ class RegroupingConfig:
     max_contradicted_iou: float = 0.3
     """An element contradicts the others when its IoU with what they predict of its instance is below this. On real
     clips right drawings have .69 and more."""
+    max_alone_iou: float = 0.1
+    """One that does so alone in its key frame is left out only below this: a small element need not be far off."""
     min_others: int = 2
     """It does so only if at least this many other key frames show its instance: of two nobody knows which is wrong."""
+    min_rejoin_iou: float = 0.7
+    """An element that nothing places rejoins the instance that it looks like with at least this IoU."""
     max_contradicted_share: float = 0.5
     """A key frame is left out as a whole when elements with more than this share of its drawn area contradict."""
+    max_others_beyond: float = 0.05
+    """A wall ends at a floor or ceiling when at most this share of what other key frames draw of it lies beyond."""
+    min_beyond_share: float = 0.1
+    """An element reaches through that floor or ceiling when at least this share of it lies beyond …"""
+    min_beyond_px: float = 30.0
+    """… as far as this from the line where the wall ends, px of an image of 640x480."""

@@ -108,6 +108,7 @@ def find_rejoins(
         for found in matches
         for e, i in _like_another(found, config)
         if not planes[found.own[e]].observable
+        and found.overlap.iou[e, i] >= config.min_rejoin_iou
         and instances[i].label == scene.key_frames[found.key_frame].elements[e].label
         and found.key_frame not in {k for k, _ in instances[i].members}
     )
@@ -128,9 +129,9 @@ def find_contradictions(
         against = known & (own < config.max_contradicted_iou)
         certain = against & (found.others >= config.min_others)
         area = np.array([element.amodal.area for element in elements])
-        if certain.any():
-            whole = area[against].sum() > config.max_contradicted_share * area.sum()
-            chosen = range(len(elements)) if whole else np.nonzero(certain)[0].tolist()
+        whole = certain.any() and area[against].sum() > config.max_contradicted_share * area.sum()
+        chosen = range(len(elements)) if whole else np.nonzero(certain & (own < config.max_alone_iou))[0].tolist()
+        if chosen:
             found_in.append(tuple((found.key_frame, e) for e in chosen))
     return tuple(found_in)
 

@@ -26,6 +26,7 @@ from gtlayout.regrouping.drawings import (
     match_key_frames,
 )
 from gtlayout.regrouping.joins import find_joins
+from gtlayout.regrouping.parts import find_parts, reaches_through
 from gtlayout.regrouping.splits import find_splits
 from gtlayout.scene import IntArray, Scene
 
@@ -58,12 +59,21 @@ def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, exte
     groups: list[Members] = [instance.members for instance in instances]
     changed: set[int] = set()
     for rejoin in find_rejoins(scene, instances, solved.planes, matches, config):
-        if rejoin.member not in prepared.left_out and rejoin.instance not in changed:
+        beyond = reaches_through(prepared, solved.planes, rejoin.member, rejoin.instance, config, extent)
+        if rejoin.member not in prepared.left_out and rejoin.instance not in changed and beyond is None:
             alone = next(i for i, group in enumerate(groups) if group == (rejoin.member,))
             pair = _in_words(scene, groups[rejoin.instance][0], rejoin.member)
             messages.append(f"{pair} are one plane by where its outline must lie (IoU {rejoin.iou:.2f}): joined")
             groups[rejoin.instance], groups[alone] = (*groups[rejoin.instance], rejoin.member), ()
             changed |= {alone, rejoin.instance}
+    for part in find_parts(prepared, solved.planes, config, extent):
+        if part.instance not in changed:
+            groups[part.instance] = tuple(member for member in groups[part.instance] if member != part.member)
+            pair = _in_words(scene, groups[part.instance][0], part.member)
+            through = instances[part.bound].label
+            messages.append(f"{pair} are two planes, because the second would reach through the {through}: split")
+            groups.append((part.member,))
+            changed.add(part.instance)
     splits = [split for split in find_splits(prepared, solved.planes, config, extent) if split.instance not in changed]
     changed |= {split.instance for split in splits}
     for join in find_joins(scene, instances, solved, config, extent):
