@@ -55,7 +55,7 @@ class RegroupingConfig:
     max_alone_iou: float = 0.1
     """One that does so alone in its key frame is left out only below this: a small element need not be far off."""
     min_others: int = 2
-    """It does so only if at least this many other key frames show its instance: of two nobody knows which is wrong."""
+    """It does so only if at least this many others agree on its instance: of two nobody knows which is wrong."""
     min_rejoin_iou: float = 0.7
     """An element that nothing places rejoins the instance that it looks like with at least this IoU."""
     max_contradicted_share: float = 0.5

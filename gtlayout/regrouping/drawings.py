@@ -17,7 +17,7 @@ from gtlayout.instances import Instance, Member, Members, Plane
 from gtlayout.prediction.matching import Overlap, match, overlap
 from gtlayout.prediction.predict import predict
 from gtlayout.regrouping.config import RegroupingConfig
-from gtlayout.scene import IntArray, Label, Scene
+from gtlayout.scene import FloatArray, IntArray, Label, Scene
 
 
 @dataclass(frozen=True)
@@ -34,6 +34,12 @@ class KeyFrameMatch:
     labels: tuple[Label, ...]
     """(I,) of the instances."""
     overlap: Overlap
+
+    @property
+    def own_iou(self) -> FloatArray:
+        """(E,) IoU of each element with what is predicted of its own instance."""
+        own: FloatArray = self.overlap.iou[np.arange(len(self.own)), self.own]
+        return own
 
 
 @dataclass(frozen=True)
@@ -119,18 +125,22 @@ def find_contradictions(
 ) -> tuple[Members, ...]:
     """The elements drawn where all others see something else, by key frame.
 
-    All elements of a key frame are among them when those that contradict make up most of what is drawn in it.
+    All elements of a key frame are among them when those that contradict make up most of what is drawn in it. Other key
+    frames must agree on the instance: where none do, its plane is what is wrong.
     """
+    agreeing = np.bincount(
+        np.concatenate([found.own[found.own_iou >= config.prediction.min_iou] for found in matches]),
+        minlength=len(matches[0].labels),
+    )
     found_in = []
     for found in matches:
-        elements = scene.key_frames[found.key_frame].elements
-        own = found.overlap.iou[np.arange(len(elements)), found.own]
+        area = np.array([element.amodal.area for element in scene.key_frames[found.key_frame].elements])
         known = found.overlap.known_share >= config.min_known_share
-        against = known & (own < config.max_contradicted_iou)
-        certain = against & (found.others >= config.min_others)
-        area = np.array([element.amodal.area for element in elements])
+        against = known & (found.own_iou < config.max_contradicted_iou)
+        certain = against & (agreeing[found.own] >= config.min_others)
         whole = certain.any() and area[against].sum() > config.max_contradicted_share * area.sum()
-        chosen = range(len(elements)) if whole else np.nonzero(certain & (own < config.max_alone_iou))[0].tolist()
+        alone = certain & (found.own_iou < config.max_alone_iou)
+        chosen = range(len(area)) if whole else np.nonzero(alone)[0].tolist()
         if chosen:
             found_in.append(tuple((found.key_frame, e) for e in chosen))
     return tuple(found_in)
