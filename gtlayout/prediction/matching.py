@@ -26,8 +26,8 @@ class Overlap:
     have seen all that is drawn here, and what hides a surface here need not be drawn."""
     known_share: FloatArray
     """(E,) share of the drawn region on which any instance is predicted."""
-    predicted_px2: FloatArray
-    """(I,) visible area that is predicted where anything is drawn, px²."""
+    drawn_share: FloatArray
+    """(I,) share of the region predicted of an instance on which any element is drawn; 0 where none is predicted."""
 
 
 def overlap(elements: Sequence[Element], prediction: Prediction) -> Overlap:
@@ -41,11 +41,11 @@ def overlap(elements: Sequence[Element], prediction: Prediction) -> Overlap:
     )
     by_element, by_instance = both.sum(axis=1), both.sum(axis=0)
     union = by_element[:, None] + by_instance[None] - both
-    area = shapely.area(drawn)
+    area, visible = shapely.area(drawn), shapely.area(prediction.visible)
     return Overlap(
         iou=np.divide(both, union, out=np.zeros_like(both), where=union > 0).round(_DECIMALS),
         known_share=np.divide(by_element, area, out=np.zeros_like(area), where=area > 0),
-        predicted_px2=by_instance,
+        drawn_share=np.divide(by_instance, visible, out=np.zeros_like(visible), where=visible > 0),
     )
 
 

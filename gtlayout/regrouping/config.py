@@ -46,7 +46,8 @@ class RegroupingConfig:
     prediction: PredictionConfig = field(default_factory=PredictionConfig)
     """How the elements of a key frame are matched to what all other key frames predict in it."""
     min_known_share: float = 0.25
-    """The others say what an element shows only where they predict something on at least this share of it."""
+    """An element is compared with an instance only where the others predict something on at least this share of it, and
+    something is drawn on at least this share of what they predict of the instance."""
     min_swapped_iou: float = 0.8
     """Two elements have each other's label when each matches an instance of the other label with at least this IoU."""
     max_contradicted_iou: float = 0.3

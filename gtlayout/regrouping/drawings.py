@@ -126,7 +126,8 @@ def find_contradictions(
     """The elements drawn where all others see something else, by key frame.
 
     All elements of a key frame are among them when those that contradict make up most of what is drawn in it. Other key
-    frames must agree on the instance: where none do, its plane is what is wrong.
+    frames must agree on the instance: where none do, its plane is what is wrong. An element that looks like another
+    instance of its label is drawn right and in the wrong instance, which splits and joins mend.
     """
     agreeing = np.bincount(
         np.concatenate([found.own[found.own_iou >= config.prediction.min_iou] for found in matches]),
@@ -134,9 +135,11 @@ def find_contradictions(
     )
     found_in = []
     for found in matches:
-        area = np.array([element.amodal.area for element in scene.key_frames[found.key_frame].elements])
+        elements = scene.key_frames[found.key_frame].elements
+        area = np.array([element.amodal.area for element in elements])
         known = found.overlap.known_share >= config.min_known_share
-        against = known & (found.own_iou < config.max_contradicted_iou)
+        astray = [i is not None and found.labels[i] == of.label for of, i in zip(elements, found.matched, strict=True)]
+        against = known & (found.own_iou < config.max_contradicted_iou) & ~np.array(astray)
         certain = against & (agreeing[found.own] >= config.min_others)
         whole = certain.any() and area[against].sum() > config.max_contradicted_share * area.sum()
         alone = certain & (found.own_iou < config.max_alone_iou)
@@ -149,6 +152,8 @@ def find_contradictions(
 def _like_another(found: KeyFrameMatch, config: RegroupingConfig) -> Iterator[tuple[int, int]]:
     """Elements that no other key frame shows, each with the instance that it looks like."""
     for e, i in enumerate(found.matched):
-        known = found.overlap.known_share[e] >= config.min_known_share
-        if i is not None and i != found.own[e] and found.others[e] == 0 and known:
+        if i is None or i == found.own[e] or found.others[e] > 0:
+            continue
+        # Neither a corner of the element that others know, nor a patch on a wall that is not drawn here.
+        if min(found.overlap.known_share[e], found.overlap.drawn_share[i]) >= config.min_known_share:
             yield e, i
