@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rooms import level_camera, make_scene, pixels
+from rooms import level_camera, make_scene, pixels, redraw
 from shapely import MultiPolygon
 
 from gtlayout import method
@@ -438,3 +438,31 @@ def test_a_lost_element_finds_back(right: tuple[Room, Tracks, Solution]) -> None
     assert partition(found.instances) == partition(expected.instances)
     (said,) = found.scene.warnings
     assert "are one plane by where its outline must lie" in said
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_contradicts_the_others_is_named_and_left_out(right: tuple[Room, Tracks, Solution], whole: bool) -> None:
+    room, tracks, _ = right
+    elements = room.scene.key_frames[1].elements
+    wall = next(m for m in room.instances[room.index("wall")].members if m[0] == 1)
+    strips = [pixels(0, 60 * e, 640, 60 * e + 50) for e in range(len(elements))]
+    wrong = range(len(elements)) if whole else [wall[1]]
+    scene = room.scene
+    for e in wrong:
+        scene = redraw(scene, 1, e, strips[e] if whole else pixels(0, 0, 60, 60))
+    # Nothing was tracked on what was drawn beside every surface.
+    here = (tracks.key_frame == 1) & np.isin(tracks.element, list(wrong))
+    found = solve(
+        replace(room, scene=scene),
+        chosen(tracks, np.nonzero(~here)[0]),
+        [set(instance.members) for instance in room.instances],
+    )
+    (said,) = found.scene.warnings
+    named = "the whole drawing" if whole else f"wall {elements[wall[1]].id}"
+    assert said.startswith(f"010.png: {named} contradicts what the other key frames show there and is left out")
+    alone = {(1, e) for e in wrong}
+    assert {one.members[0] for one in found.instances if len(one.members) == 1} == alone
+    assert all(
+        plane.observable == (one.members[0] not in alone)
+        for plane, one in zip(found.planes, found.instances, strict=True)
+    )

@@ -52,7 +52,7 @@ class RegroupingConfig:
     """Two elements have each other's label when each matches an instance of the other label with at least this IoU."""
     max_contradicted_iou: float = 0.3
     """An element contradicts the others when its IoU with what they predict of its instance is below this. On real
-    clips right drawings have .69 and more."""
+    clips right drawings have .74 and more."""
     max_alone_iou: float = 0.1
     """One that does so alone in its key frame is left out only below this: a small element need not be far off."""
     min_others: int = 2

@@ -120,11 +120,13 @@ def _contradiction(scene: Scene, members: Sequence[Member]) -> str:
     """What to say of elements of one key frame that contradict all others."""
     k = members[0][0]
     elements = scene.key_frames[k].elements
-    which = ", ".join(f"{elements[e].label} {elements[e].id}" for _, e in members)
-    some = "the whole drawing" if len(members) == len(elements) else which
+    named = [f"{elements[e].label} {elements[e].id}" for _, e in members]
+    whole = len(members) == len(elements)
+    one = whole or len(members) == 1
     return (
-        f"{scene.frame_of(k).name}: {some} contradicts what all other key frames show there, and is left out; "
-        "look whether it is drawn on the right frame, and where it is seen"
+        f"{scene.frame_of(k).name}: {'the whole drawing' if whole else ', '.join(named)} "
+        f"{'contradicts' if one else 'contradict'} what the other key frames show there and {'is' if one else 'are'} "
+        "left out: look whether it is drawn on the right frame and in the right place"
     )
 
 
