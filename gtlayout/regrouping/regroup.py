@@ -48,7 +48,7 @@ def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, exte
     """The instances that follow from the solved planes; None when they do not change.
 
     Drawings that cannot be right spoil the planes: when there are any, they are left out, and all else waits for the
-    next solve. An instance that is split, or that an element comes back to, is not joined with others before it, too.
+    next solve. An instance that gains or loses elements in another way is not joined with others before that, either.
     """
     scene, instances = prepared.scene, prepared.instances
     matches = match_key_frames(scene, instances, solved.planes, config, extent)
