@@ -12,6 +12,10 @@ from shapely import MultiPolygon, Polygon
 
 from gtlayout.scene import FloatArray, IntArray, Label
 
+Member = tuple[int, int]
+"""(key frame index, element index)."""
+Members = tuple[Member, ...]
+
 
 @dataclass(frozen=True)
 class Instance:
@@ -20,8 +24,8 @@ class Instance:
     name: str
     """``wall_0``, ``floor_0`` …: label and a running number, unique in the layout."""
     label: Label
-    members: tuple[tuple[int, int], ...]
-    """(key frame index, element index) pairs, at most one per key frame."""
+    members: Members
+    """At most one per key frame."""
     host: int | None = None
     """For doors and windows: index of the instance whose plane they lie in; None when they have none."""
 

@@ -141,12 +141,15 @@ def _regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepa
         if change is None:
             break
         with stage("edges"):
+            out = {i for i, one in enumerate(change.instances) if set(one.members) & set(change.left_out)}
             edges = contact_edges(prepared.scene, change.instances, config.edges)
+            edges = tuple(edge for edge in edges if not out & set(edge.instances))
         prepared = replace(
             prepared,
             instances=change.instances,
             track_instance=change.track_instance,
             edges=edges,
+            left_out=change.left_out,
             warnings=(*prepared.warnings, *change.messages),
         )
         solved = solve_planes(prepared, config, stage)

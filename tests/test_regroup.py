@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rooms import level_camera, make_scene, pixels
+from rooms import level_camera, make_scene, pixels, redraw
 from shapely import MultiPolygon
 
 from gtlayout import method
@@ -381,3 +381,88 @@ def test_only_the_solve_that_is_kept_tells_that_it_was_led_astray(
     found = solve(room, tracks, groups, replace(QUICK, restarts=2), range(1, 2))
     assert calls == ["first", "second"]
     assert any("its start is kept" in line for line in found.scene.warnings) == told
+
+
+def relabelled(room: Room, first: tuple[int, int], second: tuple[int, int]) -> Room:
+    """The room with the labels of two elements of one key frame exchanged."""
+    (k, a), (_, b) = first, second
+    key_frames = list(room.scene.key_frames)
+    elements = list(key_frames[k].elements)
+    elements[a], elements[b] = (
+        replace(elements[a], label=elements[b].label),
+        replace(elements[b], label=elements[a].label),
+    )
+    key_frames[k] = replace(key_frames[k], elements=tuple(elements))
+    return replace(room, scene=replace(room.scene, key_frames=tuple(key_frames)))
+
+
+def test_exchanged_labels_are_named_and_take_no_part(right: tuple[Room, Tracks, Solution]) -> None:
+    room, tracks, expected = right
+    floor, wall = (
+        next(m for m in room.instances[room.index(label)].members if m[0] == 1) for label in ("floor", "wall")
+    )
+    spoiled = relabelled(room, floor, wall)
+    groups = [set(instance.members) - {floor, wall} for instance in room.instances]
+    found = solve(spoiled, tracks, [*groups, {floor}, {wall}])
+    (said,) = found.scene.warnings
+    names = {room.scene.key_frames[1].elements[e].id for _, e in (floor, wall)}
+    assert said.startswith("010.png: ") and "swapped?" in said and all(f" {name} " in said for name in names)
+    alone = {i for i, one in enumerate(found.instances) if set(one.members) <= {floor, wall}}
+    assert len(alone) == 2
+    assert not np.isin(found.track_instance, sorted(alone)).any()
+    assert not any(alone & set(edge.instances) for edge in found.edges)
+    sampled = (tracks.key_frame == 1) & np.isin(tracks.element, [floor[1], wall[1]])
+    assert (found.track_instance[sampled] == -1).all()
+    for i, one in enumerate(found.instances):
+        assert found.planes[i].observable == (i not in alone)
+        if i not in alone:
+            (true,) = (
+                p for p, same in zip(expected.planes, expected.instances, strict=True) if one.members[0] in same.members
+            )
+            assert found.planes[i].normal @ true.normal > np.cos(np.deg2rad(1.0))
+
+
+def test_a_lost_element_finds_back(right: tuple[Room, Tracks, Solution]) -> None:
+    room, tracks, expected = right
+    wall = room.index("wall")
+    lost = next(m for m in room.instances[wall].members if m[0] == 2)
+    here = (tracks.key_frame == lost[0]) & (tracks.element == lost[1])
+    bare = chosen(tracks, np.nonzero(~here)[0])
+    # An occlusion edge all round it: no contact places it either.
+    key_frames = list(room.scene.key_frames)
+    ring = np.array(key_frames[2].elements[lost[1]].amodal.geoms[0].exterior.coords)
+    key_frames[2] = replace(key_frames[2], occlusion_edges=(ring,))
+    cut = replace(room, scene=replace(room.scene, key_frames=tuple(key_frames)))
+    groups = [set(instance.members) - {lost} for instance in room.instances]
+    found = solve(cut, bare, [*groups, {lost}])
+    assert partition(found.instances) == partition(expected.instances)
+    (said,) = found.scene.warnings
+    assert "are one plane by where its outline must lie" in said
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_contradicts_the_others_is_named_and_left_out(right: tuple[Room, Tracks, Solution], whole: bool) -> None:
+    room, tracks, _ = right
+    elements = room.scene.key_frames[1].elements
+    wall = next(m for m in room.instances[room.index("wall")].members if m[0] == 1)
+    strips = [pixels(0, 60 * e, 640, 60 * e + 50) for e in range(len(elements))]
+    wrong = range(len(elements)) if whole else [wall[1]]
+    scene = room.scene
+    for e in wrong:
+        scene = redraw(scene, 1, e, strips[e] if whole else pixels(0, 0, 60, 60))
+    # Nothing was tracked on what was drawn beside every surface.
+    here = (tracks.key_frame == 1) & np.isin(tracks.element, list(wrong))
+    found = solve(
+        replace(room, scene=scene),
+        chosen(tracks, np.nonzero(~here)[0]),
+        [set(instance.members) for instance in room.instances],
+    )
+    (said,) = found.scene.warnings
+    named = "the whole drawing" if whole else f"wall {elements[wall[1]].id}"
+    assert said.startswith(f"010.png: {named} contradicts what the other key frames show there and is left out")
+    alone = {(1, e) for e in wrong}
+    assert {one.members[0] for one in found.instances if len(one.members) == 1} == alone
+    assert all(
+        plane.observable == (one.members[0] not in alone)
+        for plane, one in zip(found.planes, found.instances, strict=True)
+    )

@@ -9,7 +9,7 @@ from shapely import MultiPolygon
 
 from gtlayout.edges import ContactEdge
 from gtlayout.extent.config import ExtentConfig
-from gtlayout.extent.consensus import consensus, tidy
+from gtlayout.extent.consensus import faces_of, tidy
 from gtlayout.extent.known_part import known_part
 from gtlayout.extent.refine import Neighbour, refine, unproject_edges
 from gtlayout.extent.shifts import shifts_on_planes
@@ -39,7 +39,7 @@ def compute_extents(
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [_plane_frame(plane, scene) for plane in planes]
     drawn = [
-        tidy(consensus(scene, instances, i, planes, frames[i], max_depth, grid, config), grid, config)
+        tidy(faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config).agreed(), grid, config)
         if planes[i].observable
         else MultiPolygon()
         for i in range(len(instances))
@@ -70,6 +70,34 @@ def compute_extents(
     ]
     unknown = [max(all_of_it.area - rest.area, 0.0) for all_of_it, rest in zip(drawn, unrefined, strict=True)]
     return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, unknown, strict=True))
+
+
+def extents_without(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    key_frames: Sequence[int],
+    config: ExtentConfig,
+) -> tuple[tuple[Extent, ...], ...]:
+    """For each of some key frames the extents as all other key frames see them, not refined.
+
+    Instances that nothing else shows, and unobservable ones, get empty regions. The boundaries of all polygons are
+    intersected once for all of them.
+    """
+    depth = median_depth(scene, instances, planes)
+    max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
+    by_instance = []
+    for i, (plane, instance) in enumerate(zip(planes, instances, strict=True)):
+        frame = _plane_frame(plane, scene)
+        regions = [MultiPolygon()] * len(key_frames)
+        if plane.observable:
+            faces = faces_of(scene, instances, i, planes, frame, max_depth, grid, config)
+            for number, k in enumerate(key_frames):
+                cameras = [scene.frame_of(other).camera for other, _ in instance.members if other != k]
+                drawn = tidy(faces.agreed_without(k), grid, config)
+                regions[number] = _ended(drawn, plane, frame, cameras, grid, config)
+        by_instance.append([Extent(frame, region, region) for region in regions])
+    return tuple(zip(*by_instance, strict=True))
 
 
 def _ended(

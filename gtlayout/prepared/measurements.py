@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from gtlayout.edges import ContactEdge
-from gtlayout.instances import Instance
+from gtlayout.instances import Instance, Members
 from gtlayout.prepared.canonical import Canonical
 from gtlayout.scene import IntArray, Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
@@ -42,7 +42,9 @@ class Prepared(Measurements):
     cameras: CameraReport | None = None
     """The result of refining the cameras, in the given unit; None without ``refine_cameras``."""
     warnings: tuple[str, ...] = ()
-    """What was skipped, joined or split, one line each."""
+    """What was skipped, joined, split or left out, one line each."""
+    left_out: Members = ()
+    """Elements that take no part in the solve, because they contradict the other key frames."""
 
     @property
     def given_scene(self) -> Scene:

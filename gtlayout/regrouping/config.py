@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+from gtlayout.prediction.config import PredictionConfig
 
 
 @dataclass(frozen=True)
@@ -41,3 +43,27 @@ class RegroupingConfig:
     """They explain it only if they explain this many elements more than the best single plane."""
     max_shown_as_one: float = 0.4
     """Largest share of the votes by which key frames may show one part where the other should be."""
+    prediction: PredictionConfig = field(default_factory=PredictionConfig)
+    """How the elements of a key frame are matched to what all other key frames predict in it."""
+    min_known_share: float = 0.25
+    """An element is compared with an instance only where the others predict something on at least this share of it, and
+    something is drawn on at least this share of what they predict of the instance."""
+    min_swapped_iou: float = 0.8
+    """Two elements have each other's label when each matches an instance of the other label with at least this IoU."""
+    max_contradicted_iou: float = 0.3
+    """An element contradicts the others when its IoU with what they predict of its instance is below this. On real
+    clips right drawings have .74 and more."""
+    max_alone_iou: float = 0.1
+    """One that does so alone in its key frame is left out only below this: a small element need not be far off."""
+    min_others: int = 2
+    """It does so only if at least this many others agree on its instance: of two nobody knows which is wrong."""
+    min_rejoin_iou: float = 0.7
+    """An element that nothing places rejoins the instance that it looks like with at least this IoU."""
+    max_contradicted_share: float = 0.5
+    """A key frame is left out as a whole when elements with more than this share of its drawn area contradict."""
+    max_others_beyond: float = 0.05
+    """A wall ends at a floor or ceiling when at most this share of what other key frames draw of it lies beyond."""
+    min_beyond_share: float = 0.1
+    """An element reaches through that floor or ceiling when at least this share of it lies beyond …"""
+    min_beyond_px: float = 30.0
+    """… as far as this from the line where the wall ends, px of an image of 640x480."""

@@ -1,24 +1,33 @@
-"""After stage 4: instances that turn out to be one plane are joined, those that turn out to be two are split.
+"""After stage 4: what the planes show of the instances, and tracks alone could not.
 
 Tracks alone cannot show that a wall that leaves the image is the one that enters it later, and sometimes they join two
-walls. The planes and their covariance show both.
+walls. The planes and their covariance show both. They also predict every key frame, so that an element finds back to
+its instance, and a drawing that cannot be right is left out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from gtlayout.correspondence.matching import form_instances
 from gtlayout.extent.config import ExtentConfig
-from gtlayout.instances import Instance
+from gtlayout.instances import Instance, Member, Members
 from gtlayout.planes.estimate import Estimate
-from gtlayout.prepared.measurements import Measurements
+from gtlayout.prepared.measurements import Prepared
 from gtlayout.regrouping.config import RegroupingConfig
+from gtlayout.regrouping.drawings import (
+    KeyFrameMatch,
+    find_contradictions,
+    find_rejoins,
+    find_swaps,
+    match_key_frames,
+)
 from gtlayout.regrouping.joins import find_joins
-from gtlayout.regrouping.splits import Members, find_splits
+from gtlayout.regrouping.parts import find_parts, reaches_through
+from gtlayout.regrouping.splits import find_splits
 from gtlayout.scene import IntArray, Scene
 
 
@@ -29,36 +38,112 @@ class Regrouping:
     instances: tuple[Instance, ...]
     track_instance: IntArray
     """(N,) instance of each track, -1 = none."""
+    left_out: Members
+    """The elements that take no part in the solve: each an instance of its own, without tracks, edges and host."""
     messages: tuple[str, ...]
-    """What was joined and split, one line each."""
+    """What was joined, split and left out, one line each."""
 
 
-def regroup(
-    measured: Measurements, solved: Estimate, config: RegroupingConfig, extent: ExtentConfig
-) -> Regrouping | None:
+def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, extent: ExtentConfig) -> Regrouping | None:
     """The instances that follow from the solved planes; None when they do not change.
 
-    An instance that is split is not joined with others until its planes have been solved.
+    Drawings that cannot be right spoil the planes: when there are any, they are left out, and all else waits for the
+    next solve. An instance that gains or loses elements in another way is not joined with others before that, either.
     """
-    scene, instances = measured.scene, measured.instances
-    splits = find_splits(measured, solved.planes, config, extent)
-    halved = {split.instance for split in splits}
-    joins = [join for join in find_joins(scene, instances, solved, config, extent) if not halved & set(join.instances)]
-    if not splits and not joins:
-        return None
+    scene, instances = prepared.scene, prepared.instances
+    matches = match_key_frames(scene, instances, solved.planes, config, extent)
+    wrong, messages = _wrong_drawings(scene, matches, prepared.left_out, config)
+    if wrong:
+        kept = [tuple(member for member in one.members if member not in wrong) for one in instances]
+        return _formed(prepared, [*kept, *((member,) for member in wrong)], (*prepared.left_out, *wrong), messages)
     groups: list[Members] = [instance.members for instance in instances]
-    messages = []
-    for join in joins:
-        a, b = join.instances
-        pair = _in_words(scene, groups[a][0], groups[b][0])
-        messages.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
-        groups[a], groups[b] = (*groups[a], *groups[b]), ()
+    changed: set[int] = set()
+    for rejoin in find_rejoins(scene, instances, solved.planes, matches, config):
+        beyond = reaches_through(prepared, solved.planes, rejoin.member, rejoin.instance, config, extent)
+        if rejoin.member not in prepared.left_out and rejoin.instance not in changed and beyond is None:
+            alone = next(i for i, group in enumerate(groups) if group == (rejoin.member,))
+            pair = _in_words(scene, groups[rejoin.instance][0], rejoin.member)
+            messages.append(f"{pair} are one plane by where its outline must lie (IoU {rejoin.iou:.2f}): joined")
+            groups[rejoin.instance], groups[alone] = (*groups[rejoin.instance], rejoin.member), ()
+            changed |= {alone, rejoin.instance}
+    for part in find_parts(prepared, solved.planes, config, extent):
+        if part.instance not in changed:
+            groups[part.instance] = tuple(member for member in groups[part.instance] if member != part.member)
+            pair = _in_words(scene, groups[part.instance][0], part.member)
+            through = instances[part.bound].label
+            messages.append(f"{pair} are two planes, because the second would reach through the {through}: split")
+            groups.append((part.member,))
+            changed.add(part.instance)
+    splits = [split for split in find_splits(prepared, solved.planes, config, extent) if split.instance not in changed]
+    changed |= {split.instance for split in splits}
+    for join in find_joins(scene, instances, solved, config, extent):
+        if not changed & set(join.instances):
+            a, b = join.instances
+            pair = _in_words(scene, groups[a][0], groups[b][0])
+            messages.append(f"{pair} are one plane (χ² {join.chi2:.1f}): joined")
+            groups[a], groups[b] = (*groups[a], *groups[b]), ()
     for split in splits:
         first, second = split.parts
         messages.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
         groups[split.instance] = first
         groups.append(second)
-    return Regrouping(*form_instances(scene, measured.tracks, _group_of(scene, groups)), tuple(messages))
+    return _formed(prepared, groups, prepared.left_out, messages) if messages else None
+
+
+def _wrong_drawings(
+    scene: Scene, matches: Sequence[KeyFrameMatch], left_out: Members, config: RegroupingConfig
+) -> tuple[Members, list[str]]:
+    """Elements that cannot be right and still take part, and a line on each key frame that has some.
+
+    Exchanged labels come first: the planes that follow from them contradict other drawings, too.
+    """
+    wrong: list[Member] = []
+    messages: list[str] = []
+    for swap in find_swaps(scene, matches, config):
+        if not {swap.first, swap.second} & {*wrong, *left_out}:
+            wrong += [swap.first, swap.second]
+            first, second = (scene.key_frames[k].elements[e] for k, e in (swap.first, swap.second))
+            messages.append(
+                f"{scene.frame_of(swap.first[0]).name}: {first.label} {first.id} and {second.label} {second.id} "
+                f"swapped? By all other key frames the first is a {second.label} and the second a {first.label}: "
+                "both are left out; correct their labels"
+            )
+    if not wrong:
+        for members in find_contradictions(scene, matches, config):
+            if new := [member for member in members if member not in left_out]:
+                wrong += new
+                messages.append(_contradiction(scene, new))
+    return tuple(wrong), messages
+
+
+def _contradiction(scene: Scene, members: Sequence[Member]) -> str:
+    """What to say of elements of one key frame that contradict all others."""
+    k = members[0][0]
+    elements = scene.key_frames[k].elements
+    named = [f"{elements[e].label} {elements[e].id}" for _, e in members]
+    whole = len(members) == len(elements)
+    one = whole or len(members) == 1
+    return (
+        f"{scene.frame_of(k).name}: {'the whole drawing' if whole else ', '.join(named)} "
+        f"{'contradicts' if one else 'contradict'} what the other key frames show there and {'is' if one else 'are'} "
+        "left out: look whether it is drawn on the right frame and in the right place"
+    )
+
+
+def _formed(prepared: Prepared, groups: Sequence[Members], left_out: Members, messages: Sequence[str]) -> Regrouping:
+    """The instances of some groups of elements."""
+    scene = prepared.scene
+    instances, track_instance = form_instances(scene, prepared.tracks, _group_of(scene, groups))
+    out = {i for i, instance in enumerate(instances) if set(instance.members) & set(left_out)}
+    hosted = tuple(
+        replace(instance, host=None) if i in out or instance.host in out else instance
+        for i, instance in enumerate(instances)
+    )
+    sampled = np.column_stack([prepared.tracks.key_frame, prepared.tracks.element])
+    idle = np.isin(track_instance, sorted(out))
+    for member in left_out:
+        idle |= (sampled == member).all(axis=1)
+    return Regrouping(hosted, np.where(idle, -1, track_instance), left_out, tuple(messages))
 
 
 def _group_of(scene: Scene, groups: Sequence[Members]) -> IntArray:
@@ -67,7 +152,7 @@ def _group_of(scene: Scene, groups: Sequence[Members]) -> IntArray:
     return np.array([of[k, e] for k, key_frame in enumerate(scene.key_frames) for e in range(len(key_frame.elements))])
 
 
-def _in_words(scene: Scene, first: tuple[int, int], second: tuple[int, int]) -> str:
+def _in_words(scene: Scene, first: Member, second: Member) -> str:
     """Two elements by the annotator's ids, because instances change their names here."""
     names = []
     for k, e in (first, second):

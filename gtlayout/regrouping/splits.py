@@ -11,7 +11,7 @@ import numpy as np
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.rays import inverse_depth_on_plane
-from gtlayout.instances import Instance, Plane
+from gtlayout.instances import Instance, Members, Plane
 from gtlayout.planes.evidence import prefer_visible
 from gtlayout.prepared.measurements import Measurements
 from gtlayout.regrouping.config import RegroupingConfig
@@ -27,9 +27,6 @@ _MOST_PAIRS = 60
 _ITERATIONS = 15
 _SAME_SHARE = 1e-6
 """Overlaps that differ by less are equal."""
-
-Members = tuple[tuple[int, int], ...]
-"""(key frame, element) pairs."""
 
 
 @dataclass(frozen=True)
