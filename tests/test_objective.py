@@ -8,7 +8,7 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import L, O, P
+from gtsam.symbol_shorthand import O, P
 
 import gtlayout.planes.estimation
 import gtlayout.planes.graph
@@ -19,7 +19,7 @@ from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.planes.graph import optimise_graph
 from gtlayout.planes.objective import cauchy_loss, cost_of
 from gtlayout.planes.structural_factors import edge_factors, offset_priors
-from gtlayout.scene import BoolArray, FloatArray
+from gtlayout.scene import BoolArray, FloatArray, IntArray
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
@@ -190,10 +190,7 @@ def test_landmarks_that_miss_their_planes_start_no_farther_than_elements_may_be(
     behind = face_away(truth, evidence)
     far = replace(evidence, rays=replace(evidence.rays, rho=np.full(len(tracks), 1e-6)))
     used = np.arange(len(tracks))
-    values = gtlayout.planes.graph._values(
-        far, behind, np.full((len(tracks), 3), np.nan), np.arange(len(truth)), used, CONFIG
-    )
-    points = np.array([values.atPoint3(L(n)) for n in used.tolist()])
+    points = gtlayout.planes.graph._on_plane(far, behind, used, CONFIG)
     depth = np.linalg.norm(points - evidence.rays.center, axis=1) / np.linalg.norm(evidence.rays.ray, axis=1)
     np.testing.assert_allclose(depth, CONFIG.depth_range[1])
 
@@ -212,17 +209,13 @@ def test_the_fault_that_scenes_without_a_unit_had_would_be_noticed(room: Room, m
     far = np.arange(len(tracks)) % 3 == 0
     tracks = replace(tracks, sigma_px=np.where(far, 100.0, tracks.sigma_px))
     assert solve(room, tracks, true_edges(room)).warnings == ()
-    honest = gtlayout.planes.graph._values
+    honest = gtlayout.planes.graph._on_plane
 
-    def triangulated_anywhere(evidence: Evidence, planes: FloatArray, *others: Any) -> gtsam.Values:
-        values = honest(evidence, planes, *others)
-        for n in others[2]:
-            if far[n]:
-                values.erase(L(int(n)))
-                values.insertPoint3(L(int(n)), evidence.rays.center[n] + 1000.0 * evidence.rays.ray[n])
-        return values
+    def triangulated_anywhere(evidence: Evidence, planes: FloatArray, used: IntArray, *others: Any) -> FloatArray:
+        anywhere = evidence.rays.center[used] + 1000.0 * evidence.rays.ray[used]
+        return np.where(far[used, None], anywhere, honest(evidence, planes, used, *others))
 
-    monkeypatch.setattr(gtlayout.planes.graph, "_values", triangulated_anywhere)
+    monkeypatch.setattr(gtlayout.planes.graph, "_on_plane", triangulated_anywhere)
     kept = solve(room, tracks, true_edges(room))
     assert len(kept.warnings) == 1 and "its start is kept" in kept.warnings[0]
     angles_deg, offsets = errors(room, kept.planes)

@@ -7,24 +7,23 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import L, O, P
+from gtsam.symbol_shorthand import O, P
 
-from gtlayout.factors import track_factor
 from gtlayout.instances import ContactOffsets
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.planes.contact_offsets import contact_offsets
 from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.landmarks import Landmarks
+from gtlayout.planes.problem import Problem
 from gtlayout.planes.reflections import reflected
 from gtlayout.planes.structural_factors import met, plane_priors, structure_factors
-from gtlayout.scene import BoolArray, Camera, FloatArray, IntArray
+from gtlayout.scene import Camera, FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks, spread_observations
 
-_BATCH = 32
-"""Landmarks per track factor: GTSAM copies all values for every Python factor it calls, and a big batch is a dense
-clique.
-"""
 _NEGLIGIBLE = 1e-3
 """Tracks of less weight stay out of the graph."""
+_LEAST_DAMPING, _MOST_DAMPING, _DAMPING_FACTOR = 1e-5, 1e5, 10.0
+"""Of Levenberg-Marquardt, added to the information of every unknown."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ def optimise_graph(
     """
     placed = np.nonzero(np.isfinite(start[:, 0]))[0]
     observed = spread_observations(tracks, config.max_observations)
-    planes, landmarks = start.copy(), np.full((len(tracks), 3), np.nan)
+    planes, points = start.copy(), np.full((len(tracks), 3), np.nan)
     costs: list[float] = []
     history = [planes.copy()]
     for looseness in (*config.annealing, *[1.0] * config.rounds):
@@ -63,24 +62,27 @@ def optimise_graph(
             config, track_cauchy=looseness * config.track_cauchy, edge_cauchy=looseness * config.edge_cauchy
         )
         robust, weight = track_weights(evidence, planes, kernels)
-        used = weight > _NEGLIGIBLE
-        values = _values(evidence, planes, landmarks, placed, np.nonzero(used)[0], config)
+        used = np.nonzero(weight > _NEGLIGIBLE)[0]
+        begin = np.where(np.isfinite(points[used]), points[used], _on_plane(evidence, planes, used, config))
+        of_plane = evidence.track_instance[used]
+        landmarks = Landmarks.of(cameras, tracks, used, observed, of_plane, begin, weight[used], config)
+        graph = structure_factors(evidence, start, kernels)
+        for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
+            graph.push_back(prior)
+        values = gtsam.Values()
+        for s in placed.tolist():
+            values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
         offsets = contact_offsets(evidence, planes, kernels)
         for c in met(evidence, start):
             values.insertPoint3(O(c), offsets[c])
-        seen = observed & used[tracks.track]
-        graph = _track_factors(cameras, tracks, evidence, values, placed, seen, weight, config)
-        graph.push_back(structure_factors(evidence, start, kernels))
-        for prior in plane_priors(evidence, start, config.sigma_start_depths, config):
-            graph.push_back(prior)
-        values = _optimise(graph, values, placed, start, config, costs, history)
-        before, planes = planes, history[-1].copy()
-        landmarks[:] = np.nan
-        for n in np.nonzero(used)[0]:
-            landmarks[n] = values.atPoint3(L(int(n)))
+        problem = Problem(graph, landmarks, placed, len(start))
+        before = planes
+        planes, found = _optimise(problem, values, begin, config, costs, history)
+        points[:] = np.nan
+        points[used] = found
         if looseness == 1.0 and np.abs(planes - before)[placed].max() < config.converged_below:
             break
-    return Optimum(planes, landmarks, {}, robust, tuple(costs), tuple(history))
+    return Optimum(planes, points, {}, robust, tuple(costs), tuple(history))
 
 
 def track_weights(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> tuple[FloatArray, FloatArray]:
@@ -112,94 +114,45 @@ def _spread(residual: FloatArray, config: EstimationConfig) -> float:
     return float(np.clip(1.4826 * np.median(np.abs(residual)), config.min_spread, 1.0))
 
 
-def _track_factors(
-    cameras: Sequence[Camera],
-    tracks: Tracks,
-    evidence: Evidence,
-    values: gtsam.Values,
-    placed: IntArray,
-    observed: BoolArray,
-    weight: FloatArray,
-    config: EstimationConfig,
-) -> gtsam.NonlinearFactorGraph:
-    graph = gtsam.NonlinearFactorGraph()
-    noise = gtsam.noiseModel
-    pinholes = {int(f): _pinhole(cameras[f]) for f in np.unique(tracks.frame[observed])}
-    cauchy = noise.mEstimator.Cauchy.Create(config.observation_cauchy)
-    sigmas = tracks.sigma_px / np.sqrt(np.maximum(weight, _NEGLIGIBLE))
-    models = [noise.Robust.Create(cauchy, noise.Isotropic.Sigma(2, sigma)) for sigma in sigmas]
-    for n, f, point_px in zip(
-        tracks.track[observed].tolist(), tracks.frame[observed].tolist(), tracks.points_px[observed], strict=True
-    ):
-        graph.add(gtsam.TriangulationFactorCal3_S2(pinholes[f], point_px, models[n], L(n), False, False))
-    # A track that its own observations contradict can diverge to infinity. The weak priors keep the system regular.
-    weak_prior = noise.Isotropic.Sigma(3, config.sigma_prior_point)
-    for n in np.unique(tracks.track[observed]).tolist():
-        graph.add(gtsam.PriorFactorPoint3(L(n), values.atPoint3(L(n)), weak_prior))
-    for s in placed:
-        members = np.nonzero((evidence.track_instance == s) & (weight > _NEGLIGIBLE))[0]
-        for batch in np.split(members, range(_BATCH, len(members), _BATCH)):
-            if len(batch):
-                keys = [L(int(n)) for n in batch]
-                graph.add(track_factor(P(int(s)), keys, config.sigma_relief / np.sqrt(weight[batch])))
-    return graph
-
-
-def _pinhole(camera: Camera) -> gtsam.PinholeCameraCal3_S2:
-    K = camera.K
-    pose = gtsam.Pose3(gtsam.Rot3(camera.R_cam_from_world.T), camera.center_world)
-    return gtsam.PinholeCameraCal3_S2(pose, gtsam.Cal3_S2(K[0, 0], K[1, 1], K[0, 1], K[0, 2], K[1, 2]))
-
-
-def _values(
-    evidence: Evidence,
-    planes: FloatArray,
-    landmarks: FloatArray,
-    placed: IntArray,
-    used: IntArray,
-    config: EstimationConfig,
-) -> gtsam.Values:
-    """Planes as given; landmarks where they were, or else where their ray meets their plane.
+def _on_plane(evidence: Evidence, planes: FloatArray, used: IntArray, config: EstimationConfig) -> FloatArray:
+    """(n, 3) where the rays of tracks meet their planes.
 
     A landmark whose ray misses the plane starts on its ray, within the depths that an instance may have. From hundreds
     of depths away one landmark turned its plane by 84°, with or without a robust kernel on their distance.
     """
-    values = gtsam.Values()
-    for s in placed:
-        values.insert(P(int(s)), gtsam.OrientedPlane3(planes[s]))
     rays = evidence.rays
     on_plane, depth = evidence.on_planes(used, planes[evidence.track_instance[used]])
     meets = (depth > config.depth_range[0]) & (depth < config.depth_range[1])
     off_plane = rays.center[used] + np.clip(1 / rays.rho[used], *config.depth_range)[:, None] * rays.ray[used]
-    on_plane = np.where(meets[:, None], on_plane, off_plane)
-    for n, point in zip(used.tolist(), np.where(np.isfinite(landmarks[used]), landmarks[used], on_plane), strict=True):
-        values.insertPoint3(L(n), point)
-    return values
+    return np.where(meets[:, None], on_plane, off_plane)
 
 
 def _optimise(
-    graph: gtsam.NonlinearFactorGraph,
+    problem: Problem,
     values: gtsam.Values,
-    placed: IntArray,
-    start: FloatArray,
+    points: FloatArray,
     config: EstimationConfig,
     costs: list[float],
     history: list[FloatArray],
-) -> gtsam.Values:
-    """Levenberg-Marquardt, one iteration at a time, so that each can be recorded."""
-    params = gtsam.LevenbergMarquardtParams()
-    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
-    error = optimizer.error()
+) -> tuple[FloatArray, FloatArray]:
+    """(S, 4) planes and (n, 3) landmarks after Levenberg-Marquardt, each iteration of which is recorded."""
+    damping, error = _LEAST_DAMPING, problem.error(values, points)
     if not costs:  # the start is part of the history
         costs.append(error)
     for _ in range(config.max_iterations):
-        optimizer.iterate()
-        costs.append(optimizer.error())
-        planes = np.full_like(start, np.nan)
-        for s in placed:
-            planes[s] = optimizer.values().atOrientedPlane3(P(int(s))).planeCoefficients()
-        history.append(planes)
-        if error - costs[-1] < config.relative_decrease * error:
+        linear = problem.linearise(values, points)
+        while True:
+            new_values, new_points = linear.stepped(values, points, damping)
+            new_error = problem.error(new_values, new_points)
+            if new_error <= error or damping > _MOST_DAMPING:
+                break
+            damping *= _DAMPING_FACTOR
+        if new_error > error:
             break
-        error = costs[-1]
-    return optimizer.values()
+        values, points, before, error = new_values, new_points, error, new_error
+        damping = max(damping / _DAMPING_FACTOR, _LEAST_DAMPING)
+        costs.append(error)
+        history.append(problem.planes(values))
+        if before - error < config.relative_decrease * before:
+            break
+    return problem.planes(values), points
