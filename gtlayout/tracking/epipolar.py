@@ -15,6 +15,10 @@ _SAME_PLACE_PX = 2.0
 _LEAST_DEPTH = 0.01
 """Only what lies in front of a camera is looked for: from this share of its depth in the other camera on."""
 _TINY = 1e-12
+_SINGLE_PX = 0.1
+"""More than single precision loses in a distance of two points in an image."""
+_DECIMALS = 9
+"""To these decimals descriptors are equally far on every processor, for any order of summation."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +55,15 @@ class Segments:
             points_px: (M, 2) in the image that the segments lie in.
         """
         (x, y), (start_x, start_y) = self.along.T, self.start_px.T
-        # Products of all segments with all points take most of the time, and float32 is exact to 0.001 px.
+        # Products of all segments with all points take most of the time: single precision narrows them down.
         points = points_px.astype(np.float32)
-        aside = np.column_stack([-y, x]).astype(np.float32) @ points.T - _column(x * start_y - y * start_x)
-        segment, point = np.nonzero(np.abs(aside) < tolerance_px)
-        forward = np.sum(self.along[segment] * (points_px[point] - self.start_px[segment]), axis=1)
+        distance = np.column_stack([-y, x]).astype(np.float32) @ points.T - _column(x * start_y - y * start_x)
+        segment, point = np.nonzero(np.abs(distance) < tolerance_px + _SINGLE_PX)
+        offset = points_px[point] - self.start_px[segment]
+        aside = x[segment] * offset[:, 1] - y[segment] * offset[:, 0]
+        forward = np.sum(self.along[segment] * offset, axis=1)
         inside = (forward > -tolerance_px) & (forward < self.length_px[segment] + tolerance_px)
+        inside &= np.abs(aside) < tolerance_px
         return segment[inside], point[inside]
 
 
@@ -116,7 +123,8 @@ def _column(values: FloatArray) -> npt.NDArray[np.float32]:
 
 def _distance(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> FloatArray:
     """(n,) distances of unit descriptors, pair by pair."""
-    return np.sqrt(np.maximum(2.0 - 2.0 * np.einsum("nd,nd->n", a, b).astype(np.float64), 0.0))
+    alike = np.round(np.sum(a.astype(np.float64) * b, axis=1), _DECIMALS)
+    return np.sqrt(np.maximum(2.0 - 2.0 * alike, 0.0))
 
 
 def _two_best(

@@ -1,4 +1,4 @@
-"""Stage 1: sample points on the visible parts of each key frame and track them through the video (paper 3.2)."""
+"""Stage 1, first part: sample points on visible parts of key frames and follow them through the video (paper 3.2)."""
 
 from __future__ import annotations
 
