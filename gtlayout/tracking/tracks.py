@@ -27,7 +27,7 @@ class Tracks:
     sigma_px: FloatArray
     """(N,) noise to expect of a point's positions: weak texture is matched less well."""
     tried: tuple[IntArray, ...]
-    """Per key frame, (elements,) how many points or features were tried on each element. It tracks badly if few survive."""
+    """Per key frame, (elements,) points or features tried on each element. If few survive, it tracks badly."""
     unreadable: tuple[str, ...] = ()
     """Names of the images that could not be read and were stepped over."""
 
