@@ -44,6 +44,9 @@ class TrackingConfig:
     """Size of the patch that is compared with the key frame's."""
     min_correlation: float = 0.85
     """Least normalised cross-correlation of the two."""
+    raft_weights: str | None = None
+    """File with the weights of torchvision's raft_small. Where it is given, RAFT moves points from frame to frame in
+    place of Lucas-Kanade."""
 
 
 @dataclass(frozen=True)
