@@ -26,6 +26,19 @@ def test_without_the_extra_the_message_says_what_to_install(tmp_path: Path, monk
         RaftTracker.load(tmp_path / "weights.pth", 0.7)
 
 
+def test_versions_that_do_not_fit_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """torchvision made for another PyTorch cannot be imported."""
+    for name in ("torch", "torchvision"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        (tmp_path / name).mkdir()
+    (tmp_path / "torch/__init__.py").write_text("")
+    (tmp_path / "torchvision/__init__.py").write_text("raise RuntimeError('operator nms does not exist')")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(GtlayoutError, match="do not fit each other: operator nms does not exist"):
+        RaftTracker.load(tmp_path / "weights.pth", 0.7)
+    monkeypatch.delitem(sys.modules, "torch")
+
+
 def test_the_command_line_hands_the_weights_on(
     room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -93,4 +93,6 @@ def _torch() -> tuple[Any, Any]:
         from torchvision.models.optical_flow import raft_small
     except ImportError as error:
         raise GtlayoutError("RAFT needs PyTorch and torchvision: pip install 'gtlayout[raft]'") from error
+    except RuntimeError as error:
+        raise GtlayoutError(f"these versions of PyTorch and torchvision do not fit each other: {error}") from error
     return torch, raft_small
