@@ -11,7 +11,7 @@ from gtlayout.extent.config import ExtentConfig
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.quality.config import QualityConfig
 from gtlayout.regrouping.config import RegroupingConfig
-from gtlayout.tracking.config import CameraRefinementConfig, TrackingConfig, TriangulationConfig
+from gtlayout.tracking.config import CameraRefinementConfig, TrackingConfig, TriangulationConfig, WideBaselineConfig
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,7 @@ class Config:
     """All stages."""
 
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    wide_baseline: WideBaselineConfig = field(default_factory=WideBaselineConfig)
     triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
     camera_refinement: CameraRefinementConfig = field(default_factory=CameraRefinementConfig)
     correspondence: CorrespondenceConfig = field(default_factory=CorrespondenceConfig)

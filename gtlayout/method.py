@@ -31,6 +31,7 @@ from gtlayout.solution import Solution, best_of
 from gtlayout.tracking.bundle_adjustment import refine_cameras
 from gtlayout.tracking.track import track
 from gtlayout.tracking.triangulation import triangulate
+from gtlayout.tracking.wide_baseline import with_wide_baselines
 
 
 def solve(
@@ -73,6 +74,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     scene = form.scene
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, stage.observer.progress)
+        tracks = with_wide_baselines(scene, tracks, config.tracking, config.wide_baseline)
         rays = triangulate(scene, tracks, config.triangulation)
     stage.observer.tracks(form.given_tracks(tracks))
     if config.refine_cameras:

@@ -150,7 +150,8 @@ def test_the_unit_changes_nothing(scene: Scene, solution: Solution, scale: float
     other = solve(moved(scene, scale))
     assert not other.layout.metric
     assert differences(solution, other, scale)[:, :4].max() < 1e-6
-    assert other.quality.iou == pytest.approx(solution.quality.iou, abs=1e-4)
+    # Extents agree, but a pixel centre on a border may fall to the other side. In a small element it counts for 1e-4.
+    assert other.quality.iou == pytest.approx(solution.quality.iou, abs=3e-4)
 
 
 @pytest.mark.parametrize(("turn", "shift"), [(TURN, 0.0), (None, 1e6), (TURN, 1e4)])

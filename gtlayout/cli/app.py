@@ -37,6 +37,7 @@ def solve(
     /,
     *,
     out: Path | None = None,
+    raft_weights: Path | None = None,
     refine_cameras: Annotated[bool, Parameter(negative=())] = False,
     rerun: RerunMode = "off",
     restarts: Positive = 1,
@@ -55,6 +56,9 @@ def solve(
         The scene folder.
     out
         Where results go; DIR/gtlayout when not given.
+    raft_weights
+        Follow points with RAFT's dense flow instead of Lucas-Kanade: file with the weights of torchvision's raft_small.
+        Needs pip install 'gtlayout[raft]'.
     refine_cameras
         For poor poses: adjust the cameras to the tracked points first. The result is kept only if it is better on
         points that were left out.
@@ -73,8 +77,10 @@ def solve(
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
     from gtlayout.results.tables import camera_line, dimensions, headline_text, instance_table, measures, reasons
+    from gtlayout.tracking.config import TrackingConfig
 
-    config = Config(seed=seed, refine_cameras=refine_cameras, restarts=restarts)
+    tracking = TrackingConfig(raft_weights=None if raft_weights is None else str(raft_weights))
+    config = Config(tracking=tracking, seed=seed, refine_cameras=refine_cameras, restarts=restarts)
     scene = load(scene_dir)
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG_FILE, progress) as observer:
         solution = solve_scene(scene, config, observer)

@@ -1,1 +1,1 @@
-"""Stage 1: points are sampled on the visible parts of key frames, followed through the video and triangulated."""
+"""Stage 1: points on the visible parts of key frames, followed through the video or found again, and triangulated."""

@@ -44,6 +44,37 @@ class TrackingConfig:
     """Size of the patch that is compared with the key frame's."""
     min_correlation: float = 0.85
     """Least normalised cross-correlation of the two."""
+    raft_weights: str | None = None
+    """File with the weights of torchvision's raft_small. Where it is given, RAFT moves points from frame to frame in
+    place of Lucas-Kanade."""
+
+
+@dataclass(frozen=True)
+class WideBaselineConfig:
+    """Features that are found again in far frames, at the end of stage 1."""
+
+    contrast: float = 0.01
+    """Least contrast of a SIFT feature, in OpenCV's unit. Its default, 0.04, leaves hardly any on a plain wall."""
+    max_side_px: int = 640
+    """Larger images are shrunk to this side for SIFT."""
+    feature_sigma_px: float = 0.3
+    """σ of the place of a feature in the image that SIFT sees."""
+    max_features: int = 400
+    """Most features of an element in a key frame, one in each cell of a grid, the clearest."""
+    spread_frames: int = 20
+    """Frames, evenly spread over the video, in which features are looked for. Key frames come on top."""
+    max_frames: int = 30
+    """Of all these frames, the nearest so many are compared with a key frame."""
+    nearest_paths: float = 0.05
+    """Least depth of a point, in lengths of the camera's path."""
+    tolerance_sigmas: float = 3.0
+    """Largest distance of a match from its epipolar line, and of a position from the track's point, in σ."""
+    max_ratio: float = 0.85
+    """Largest distance of a match's descriptor, as a share of that of the second candidate on the epipolar line."""
+    min_agreement: float = 0.5
+    """Least share of the matches of a feature that must agree on a depth."""
+    min_tracks: int = 5
+    """Least number of these tracks with which they take the place of the element's other tracks."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
-"""Stage 1: sample points on the visible parts of each key frame and track them through the video (paper 3.2)."""
+"""Stage 1, first part: sample points on visible parts of key frames and follow them through the video (paper 3.2)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
@@ -13,6 +14,7 @@ from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.follow import follow
 from gtlayout.tracking.image_cache import ImageCache
 from gtlayout.tracking.klt import KltTracker, PairTracker
+from gtlayout.tracking.raft import RaftTracker
 from gtlayout.tracking.sampling import sample_points, texture_sigma_px
 from gtlayout.tracking.tracks import Tracks
 
@@ -31,10 +33,10 @@ def track(
     failure.
 
     Raises:
-        GtlayoutError: no element is annotated, or an annotated image cannot be read.
+        GtlayoutError: no element is annotated, an annotated image cannot be read, or RAFT cannot be loaded.
     """
     scene.require_elements()
-    tracker = tracker or KltTracker(config.window_px, config.levels, config.max_forward_backward_px)
+    tracker = tracker or _tracker(config)
     images = ImageCache(scene, config.max_frames)
     sampler = qmc.Sobol(d=2, seed=seed)
     key_frames, elements, sigmas, tried = [], [], [], []
@@ -76,3 +78,10 @@ def track(
         tried=tuple(tried),
         unreadable=tuple(scene.frames[frame].name for frame in sorted(images.errors)),
     )
+
+
+def _tracker(config: TrackingConfig) -> PairTracker:
+    """RAFT where its weights are given, else Lucas-Kanade."""
+    if config.raft_weights is not None:
+        return RaftTracker.load(Path(config.raft_weights), config.max_forward_backward_px)
+    return KltTracker(config.window_px, config.levels, config.max_forward_backward_px)

@@ -1,0 +1,72 @@
+"""Local features of an image, which are matched by their looks over any distance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from gtlayout.scene import FloatArray, ImageArray, IntArray
+
+_DESCRIPTOR = 128
+"""Numbers of a SIFT descriptor."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """N local features of one image."""
+
+    points_px: FloatArray
+    """(N, 2) position."""
+    descriptors: npt.NDArray[np.float32]
+    """(N, D) of unit length: the smaller the angle between two, the more alike they look."""
+    sigma_px: float
+    """σ of their positions."""
+
+    def __len__(self) -> int:
+        return len(self.points_px)
+
+
+class FeatureExtractor(Protocol):
+    """Finds the features of an image. SIFT below; learned ones fit as well."""
+
+    def __call__(self, image: ImageArray) -> Features:
+        """The features of a grey image, (H, W), the clearest first."""
+        ...
+
+
+@dataclass(frozen=True)
+class SiftExtractor:
+    """OpenCV's SIFT (Lowe 2004) with the square roots of its histograms (RootSIFT, Arandjelović 2012)."""
+
+    contrast: float
+    """Least contrast of a feature, in OpenCV's unit; its default is 0.04."""
+    max_side_px: int
+    """Larger images are shrunk to this side before features are looked for."""
+    sigma_px: float
+    """σ of a position in the image that features are looked for in."""
+
+    def __call__(self, image: ImageArray) -> Features:
+        """See ``FeatureExtractor``."""
+        shrink = min(1.0, self.max_side_px / max(image.shape))
+        height, width = (max(1, round(shrink * side)) for side in image.shape)
+        small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) if shrink < 1 else image
+        key_points, histograms = cv2.SIFT.create(contrastThreshold=self.contrast).detectAndCompute(small, None)
+        if len(key_points) == 0:
+            return Features(np.empty((0, 2)), np.empty((0, _DESCRIPTOR), dtype=np.float32), self.sigma_px / shrink)
+        in_small_px = np.array([point.pt for point in key_points], dtype=np.float64) + 0.5
+        clearness = np.array([point.response for point in key_points])
+        # Rounded, they are whole numbers on every processor.
+        counts = np.round(histograms).astype(np.float64)
+        unit = np.sqrt(counts / np.maximum(counts.sum(axis=1, keepdims=True), 1.0)).astype(np.float32)
+        order = _clearest_first(clearness, in_small_px)
+        points_px = in_small_px * (np.array(image.shape[::-1]) / (width, height))
+        return Features(points_px[order], unit[order], self.sigma_px / shrink)
+
+
+def _clearest_first(clearness: FloatArray, points_px: FloatArray) -> IntArray:
+    """(N,) order of features; equal ones from left to right."""
+    return np.lexsort((points_px[:, 1], points_px[:, 0], -clearness))

@@ -1,0 +1,211 @@
+"""Stage 1, second part: features of the key frames found again in far frames, where nothing can be followed.
+
+Points that are followed from frame to frame are lost where frames lie far apart, and those that are kept have seen
+little parallax. A feature is found again over any distance, because the cameras are known: it is on its epipolar line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from shapely import contains_xy
+
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.pixels.images import read_gray
+from gtlayout.scene import Element, FloatArray, IntArray, Scene
+from gtlayout.tracking.config import TrackingConfig, WideBaselineConfig
+from gtlayout.tracking.epipolar import EpipolarMatcher
+from gtlayout.tracking.features import FeatureExtractor, Features, SiftExtractor
+from gtlayout.tracking.tracks import Tracks, joined
+from gtlayout.tracking.triangulation import camera_path
+
+_NO_MATCH = -1
+
+
+def with_wide_baselines(
+    scene: Scene,
+    tracks: Tracks,
+    tracking: TrackingConfig,
+    config: WideBaselineConfig,
+    extractor: FeatureExtractor | None = None,
+) -> Tracks:
+    """The ``tracks`` with those of features found again in far frames, which replace the others of their element.
+
+    An element with fewer than ``config.min_tracks`` of them keeps the tracks that it has. Nothing changes where the
+    camera does not move.
+    """
+    path = camera_path(scene)
+    if path == 0.0:
+        return tracks
+    extractor = extractor or SiftExtractor(config.contrast, config.max_side_px, config.feature_sigma_px)
+    wide = _found_again(scene, path, tracking, config, extractor)
+    replaced = [count >= config.min_tracks for count in wide.per_element()]
+    tried = tuple(
+        np.where(chosen, ours, theirs) for chosen, ours, theirs in zip(replaced, wide.tried, tracks.tried, strict=True)
+    )
+    first_of = np.cumsum([0, *map(len, tried)])
+    flat = np.concatenate(replaced)
+    of_wide, of_others = (flat[first_of[part.key_frame] + part.element] for part in (wide, tracks))
+    return joined((tracks.only(~of_others), wide.only(of_wide)), tried)
+
+
+def _found_again(
+    scene: Scene, path: float, tracking: TrackingConfig, config: WideBaselineConfig, extractor: FeatureExtractor
+) -> Tracks:
+    """Tracks of the features on all elements."""
+    matcher = EpipolarMatcher(config.nearest_paths * path, config.tolerance_sigmas, config.max_ratio)
+    keys = [key_frame.frame for key_frame in scene.key_frames]
+    spread = np.linspace(0, len(scene.frames) - 1, config.spread_frames).round().astype(np.int64)
+    frames = np.unique(np.concatenate([keys, spread]))
+    features, unreadable = _features(scene, frames, extractor)
+    key_frame, element, sigma, tried, observed = [], [], [], [], []
+    for k, key in enumerate(keys):
+        elements = scene.key_frames[k].elements
+        if key not in features:
+            tried.append(np.zeros(len(elements), dtype=np.int64))
+            continue
+        own, on_element = _on_elements(features[key], elements, config.max_features)
+        tried.append(np.bincount(on_element, minlength=len(elements)))
+        near = sorted((f for f in features if f != key), key=lambda f: (abs(f - key), f))[: config.max_frames]
+        sigma_px = float(np.hypot(tracking.sigma_px, features[key].sigma_px))
+        matched = _matches(scene, matcher, features, key, own, sorted(near), sigma_px)
+        for row, of_element in enumerate(on_element):
+            seen = _agreeing(scene, key, features[key].points_px[own[row]], matched[row], sigma_px, config)
+            if len(seen.frame) + 1 < tracking.min_observations:
+                continue
+            key_frame.append(k)
+            element.append(of_element)
+            sigma.append(sigma_px)
+            observed.append(seen.with_key(key, features[key].points_px[own[row]]))
+    return _tracks(key_frame, element, sigma, observed, tuple(tried), unreadable)
+
+
+def _features(
+    scene: Scene, frames: IntArray, extractor: FeatureExtractor
+) -> tuple[dict[int, Features], tuple[str, ...]]:
+    """Of each of ``frames`` that can be read, in order, and the names of the others."""
+    features, unreadable = {}, []
+    for f in frames.tolist():
+        try:
+            image = read_gray(scene.frames[f])
+        except GtlayoutError:
+            unreadable.append(scene.frames[f].name)
+            continue
+        features[f] = extractor(image)
+    return features, tuple(unreadable)
+
+
+def _on_elements(features: Features, elements: Sequence[Element], most: int) -> tuple[IntArray, IntArray]:
+    """(n,) features on the visible parts of ``elements``, the clearest of each cell of a grid, and (n,) their element.
+
+    Where visible parts of two elements overlap, the later one has them.
+    """
+    on = np.full(len(features), -1)
+    for e, element in enumerate(elements):
+        on[contains_xy(element.visible, features.points_px[:, 0], features.points_px[:, 1])] = e
+    chosen = [np.empty(0, dtype=np.int64)]
+    for e, element in enumerate(elements):
+        mine = np.nonzero(on == e)[0]
+        if len(mine):
+            corner = np.array(element.visible.bounds[:2])
+            cell_px = np.sqrt(element.visible.area / most)
+            cells = np.floor((features.points_px[mine] - corner) / cell_px).astype(np.int64)
+            # Features come clearest first, and the first of each cell is taken.
+            _, first = np.unique(cells, axis=0, return_index=True)
+            chosen.append(mine[np.sort(first)])
+    index = np.concatenate(chosen)
+    return index, on[index]
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """Where one feature was found again: n frames, ascending."""
+
+    frame: IntArray
+    points_px: FloatArray
+
+    def only(self, kept: IntArray) -> _Seen:
+        return _Seen(self.frame[kept], self.points_px[kept])
+
+    def with_key(self, key: int, point_px: FloatArray) -> _Seen:
+        """With the feature itself in its key frame."""
+        at = int(np.searchsorted(self.frame, key))
+        return _Seen(np.insert(self.frame, at, key), np.insert(self.points_px, at, point_px, axis=0))
+
+
+def _matches(
+    scene: Scene,
+    matcher: EpipolarMatcher,
+    features: dict[int, Features],
+    key: int,
+    own: IntArray,
+    frames: Sequence[int],
+    sigma_px: float,
+) -> list[_Seen]:
+    """Of each feature ``own`` of frame ``key`` the matches in ``frames``."""
+    partner = np.full((len(own), len(frames)), _NO_MATCH)
+    row_of = np.full(len(features[key]), -1)
+    row_of[own] = np.arange(len(own))
+    for column, f in enumerate(frames):
+        index, found = matcher(
+            features[key], scene.frames[key].camera, own, features[f], scene.frames[f].camera, sigma_px
+        )
+        partner[row_of[index], column] = found
+    numbers = np.array(frames, dtype=np.int64)
+    seen = []
+    for row in partner:
+        columns = np.nonzero(row != _NO_MATCH)[0].tolist()
+        points = [features[frames[c]].points_px[row[c]] for c in columns]
+        seen.append(_Seen(numbers[columns], np.array(points).reshape(-1, 2)))
+    return seen
+
+
+def _agreeing(
+    scene: Scene, key: int, point_px: FloatArray, seen: _Seen, sigma_px: float, config: WideBaselineConfig
+) -> _Seen:
+    """The matches of a feature that agree on its depth; none when these are too small a share.
+
+    Every match proposes its depth, and the one that most others confirm is taken.
+    """
+    count = len(seen.frame)
+    if count == 0:
+        return seen
+    camera = scene.frames[key].camera
+    ray = camera.rays_world(point_px[None])[0]
+    cameras = [scene.frames[f].camera for f in seen.frame.tolist()]
+    far = np.array([c.K @ (c.R_cam_from_world @ ray) for c in cameras])
+    slope = np.array([c.K @ (c.R_cam_from_world @ camera.center_world + c.t_cam_from_world) for c in cameras])
+    # A pixel u is met where the first two coordinates of far + ρ slope are u times the third.
+    a = slope[:, :2] - seen.points_px * slope[:, 2:]
+    b = seen.points_px * far[:, 2:] - far[:, :2]
+    rho = np.maximum(np.sum(a * b, axis=1) / np.maximum(np.sum(a * a, axis=1), 1e-12), 0.0)
+    image = far + rho[:, None, None] * slope
+    image_px = image[:, :, :2] / np.where(image[:, :, 2:] > 0, image[:, :, 2:], np.nan)
+    off_px = np.linalg.norm(image_px - seen.points_px, axis=2)
+    near = off_px < config.tolerance_sigmas * sigma_px
+    best = int(np.argmax(near.sum(axis=1)))
+    kept = np.nonzero(near[best])[0]
+    return seen.only(kept if len(kept) >= config.min_agreement * count else kept[:0])
+
+
+def _tracks(
+    key_frame: Sequence[int],
+    element: Sequence[int],
+    sigma_px: Sequence[float],
+    observed: Sequence[_Seen],
+    tried: tuple[IntArray, ...],
+    unreadable: tuple[str, ...],
+) -> Tracks:
+    lengths = [len(seen.frame) for seen in observed]
+    return Tracks(
+        key_frame=np.array(key_frame, dtype=np.int64),
+        element=np.array(element, dtype=np.int64),
+        track=np.repeat(np.arange(len(lengths)), lengths),
+        frame=np.concatenate([np.empty(0, dtype=np.int64), *(seen.frame for seen in observed)]),
+        points_px=np.concatenate([np.empty((0, 2)), *(seen.points_px for seen in observed)]),
+        sigma_px=np.array(sigma_px),
+        tried=tried,
+        unreadable=unreadable,
+    )
