@@ -89,7 +89,7 @@ def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
             prior = np.zeros_like(information)
             prior[: len(active), : len(active)] = np.diag(problem.priors[active] ** -2)
             prior[len(active) :, len(active) :] = noise_prior.information()
-            covariance: FloatArray = np.linalg.inv(information + prior)
+            covariance = np.asarray(np.linalg.inv(information + prior), np.float64)
             after = before - covariance @ (gradient + prior @ before)
             noise = after[len(active) :]
             noise_prior = noise_prior.learned(noise, covariance[len(active) :, len(active) :], least)

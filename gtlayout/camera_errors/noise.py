@@ -67,13 +67,12 @@ class PoseNoise:
     @property
     def _variances(self) -> FloatArray:
         """(2, F) of rotations and positions in each mode."""
-        variances: FloatArray = self.smooth[:, None] * self.smoothness + self.white[:, None]
-        return variances
+        return self.smooth[:, None] * self.smoothness + self.white[:, None]
 
 
 def noise_directions(frames: int) -> FloatArray:
     """(9 F, 6 F) changes of the cameras by the noise of F poses."""
-    return np.kron(np.eye(frames), np.eye(DIMENSIONS)[:, :6])
+    return np.asarray(np.kron(np.eye(frames), np.eye(DIMENSIONS)[:, :6]), np.float64)
 
 
 def noisy(path: CameraPath, noise: FloatArray) -> CameraPath:

@@ -33,9 +33,9 @@ def _focal(scene: Scene, finding: Finding) -> str:
 
 def _principal_point(scene: Scene, finding: Finding) -> str:
     width_px = scene.frames[0].camera.width
-    x, y = width_px * finding.values
+    x, y = -width_px * finding.values
     off = with_sigma(width_px * finding.size, width_px * finding.sigma, 0, " px")
-    return f"principal point {off} off: it lies {x:+.0f} px in x and {y:+.0f} px in y from where it should"
+    return f"principal point {off} off: it lies {round(x):+d} px in x and {round(y):+d} px in y from where it should"
 
 
 def _roll(_scene: Scene, finding: Finding) -> str:
