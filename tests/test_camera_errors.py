@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gtlayout.api import load, load_solved, save
 from gtlayout.camera_errors.find import find_camera_errors
 from gtlayout.camera_errors.findings import CameraDoubt, Finding
 from gtlayout.camera_errors.models import camera_errors, corrected
@@ -16,6 +18,8 @@ from gtlayout.camera_errors.observations import Observations, observe, some_trac
 from gtlayout.camera_errors.path import CameraPath
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
 from gtlayout.camera_errors.wording import camera_error_lines
+from gtlayout.config import Config
+from gtlayout.method import prepare, solve
 from gtlayout.scene import Camera, FloatArray, Scene
 from gtlayout.synth.errors import CameraErrors, disturb_cameras
 from gtlayout.tracking.config import CameraErrorConfig, TriangulationConfig
@@ -300,3 +304,22 @@ def test_cameras_change_by_a_value_of_what_stays(simulated: Room, tracks: Tracks
     assert ratio == pytest.approx(np.exp(values[0]))
     path = corrected(CameraPath.of(given), ERRORS, doubt.values)
     np.testing.assert_array_equal(path.K[0], right.frames[0].camera.K)
+
+
+def test_a_solve_corrects_says_so_and_is_read_back(room: Path, tmp_path: Path) -> None:
+    true = load(room)
+    given = spoil(true, lambda cameras: other_focal(cameras, 1.06))
+    solution = solve(given)
+    (line,) = [warning for warning in solution.scene.warnings if "focal length" in warning]
+    assert line.endswith("; corrected")
+    right = solution.scene.frames[0].camera.K[0, 0]
+    assert right == pytest.approx(true.frames[0].camera.K[0, 0], rel=0.02)
+    save(solution, tmp_path)
+    scene, _ = load_solved(room, tmp_path)
+    assert scene.frames[0].camera.K[0, 0] == pytest.approx(right, rel=1e-9)
+
+
+def test_a_solve_keeps_right_cameras_to_the_byte(room: Path) -> None:
+    prepared = prepare(load(room), Config())
+    assert prepared.given_scene is prepared.form.given
+    assert [finding.error.name for finding in prepared.camera_doubt.findings] == NAMES
