@@ -112,7 +112,7 @@ class CameraErrorConfig:
 
     focal_log: ErrorScale = ErrorScale(prior=0.1, floor=0.005, matters=0.02)
     """Logarithm of the focal length's factor."""
-    principal_point_widths: ErrorScale = ErrorScale(prior=0.05, floor=0.005, matters=0.025)
+    principal_point_widths: ErrorScale = ErrorScale(prior=0.05, floor=0.005, matters=0.04)
     """Shift of the principal point along each axis, in widths of the image."""
     roll_deg: ErrorScale = ErrorScale(prior=3.0, floor=0.2, matters=1.0)
     """Turn of all cameras about their optical axes."""
