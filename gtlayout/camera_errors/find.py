@@ -56,8 +56,10 @@ def find_camera_errors(
         given = given or judge(problem, nothing)
         best = best or given
         tried = judge(problem, fit(part, _indices(problem, kept), nothing).values)
-        if tried.better_than(best, config.min_gain_sigmas):
+        if tried.better_than(best, config):
             active, now, best = kept, trial, tried
+            # What stood against the others may have been this one.
+            doubted, refused = [], []
         else:
             doubted.append(candidate)
     findings = tuple(
@@ -141,10 +143,11 @@ class _Verdict:
     """(H,) mean robust cost of each track's positions."""
     median_px: float
 
-    def better_than(self, other: _Verdict, sigmas: float) -> bool:
-        """Whether the mean cost is lower by so many σ of the tracks' differences."""
+    def better_than(self, other: _Verdict, config: CameraErrorConfig) -> bool:
+        """Whether the mean cost is lower by several σ of the tracks' differences, and the median error by a share."""
         gains = other.costs - self.costs
-        return bool(gains.mean() > sigmas * gains.std() / np.sqrt(len(gains)))
+        certain = gains.mean() > config.min_gain_sigmas * gains.std() / np.sqrt(len(gains))
+        return bool(certain) and self.median_px < (1 - config.min_gain) * other.median_px
 
 
 @dataclass(frozen=True)
