@@ -49,19 +49,23 @@ def find_camera_errors(
     now = fit(problem, _indices(problem, active), nothing)
     given = best = None
     while (candidate := _most_significant(problem, now, active, (*doubted, *refused))) is not None:
-        trial, kept = _fit_those_that_count(problem, now, [*active, candidate])
-        if candidate not in kept:
-            refused.append(candidate)
-            continue
-        given = given or judge(problem, nothing)
-        best = best or given
-        tried = judge(problem, fit(part, _indices(problem, kept), nothing).values)
-        if tried.better_than(best, config):
-            active, now, best = kept, trial, tried
-            # What stood against the others may have been this one.
-            doubted, refused = [], []
+        counts = False
+        # Of two errors together, neither may prove itself alone: what was doubted is tried with the next one.
+        for others in (active, [*active, *doubted])[: 1 + bool(doubted)]:
+            trial, kept = _fit_those_that_count(problem, now, [*others, candidate])
+            if candidate not in kept:
+                continue
+            counts = True
+            given = given or judge(problem, nothing)
+            best = best or given
+            tried = judge(problem, fit(part, _indices(problem, kept), nothing).values)
+            if tried.better_than(best, config):
+                active, now, best = kept, trial, tried
+                # What stood against the others may have been this one.
+                doubted, refused = [], []
+                break
         else:
-            doubted.append(candidate)
+            (doubted if counts else refused).append(candidate)
     findings = tuple(
         _estimate(problem, now, e, active, "corrected" if e in active else "doubted" if e in doubted else "fine")
         for e in range(len(problem.errors))
