@@ -26,8 +26,8 @@ def load(folder: str | PathLike[str]) -> Scene:
 def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None = None) -> tuple[Scene, Layout]:
     """Read a scene folder and its solved layout, from ``results`` (``folder/gtlayout`` when not given).
 
-    The scene has the cameras that the layout was solved with, also when these are refined. Raises GtlayoutError when
-    either cannot be read, or the layout was made from other annotations.
+    The scene has the cameras that the layout was solved with, also when these were corrected or refined. Raises
+    GtlayoutError when either cannot be read, or the layout was made from other annotations.
     """
     found = Path(folder) / FOLDER if results is None else Path(results)
     scene = with_refined_cameras(load_scene(Path(folder)), found)
@@ -35,17 +35,16 @@ def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None
 
 
 def save(solution: Solution, results: str | PathLike[str]) -> None:
-    """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, where refined, cameras.json.
+    """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, with new cameras, cameras.json.
 
     Raises GtlayoutError when the files cannot be written to the folder ``results``. All its files are then unchanged.
     """
-    refined = solution.cameras is not None and solution.cameras.refined
     write_results(
         Path(results),
         solution.scene,
         solution.layout,
         solution.quality,
         solution.config,
-        cameras_refined=refined,
+        new_cameras=solution.new_cameras,
         timings_s=solution.timings_s,
     )

@@ -11,7 +11,13 @@ from gtlayout.extent.config import ExtentConfig
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.quality.config import QualityConfig
 from gtlayout.regrouping.config import RegroupingConfig
-from gtlayout.tracking.config import CameraRefinementConfig, TrackingConfig, TriangulationConfig, WideBaselineConfig
+from gtlayout.tracking.config import (
+    CameraErrorConfig,
+    CameraRefinementConfig,
+    TrackingConfig,
+    TriangulationConfig,
+    WideBaselineConfig,
+)
 
 
 @dataclass(frozen=True)
@@ -21,6 +27,7 @@ class Config:
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     wide_baseline: WideBaselineConfig = field(default_factory=WideBaselineConfig)
     triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
+    camera_errors: CameraErrorConfig = field(default_factory=CameraErrorConfig)
     camera_refinement: CameraRefinementConfig = field(default_factory=CameraRefinementConfig)
     correspondence: CorrespondenceConfig = field(default_factory=CorrespondenceConfig)
     edges: EdgeConfig = field(default_factory=EdgeConfig)

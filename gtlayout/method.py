@@ -1,4 +1,4 @@
-"""The method: seven stages in order, as in section 3 of the paper, and on demand the refinement of the cameras.
+"""The method: seven stages in order, as in section 3 of the paper, and wrong cameras before the second.
 
 "Estimating Generic 3D Room Structures from 2D Annotations", Rozumnyi et al., NeurIPS 2023, with its optimisation recast
 as one factor graph.
@@ -11,6 +11,8 @@ from functools import partial
 
 from threadpoolctl import threadpool_limits
 
+from gtlayout.camera_errors.find import find_camera_errors
+from gtlayout.camera_errors.wording import camera_error_lines
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
 from gtlayout.edges import contact_edges
@@ -74,23 +76,31 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     scene = form.scene
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, stage.observer.progress)
-        tracks = with_wide_baselines(scene, tracks, config.tracking, config.wide_baseline)
         rays = triangulate(scene, tracks, config.triangulation)
-    stage.observer.tracks(form.given_tracks(tracks))
-    if config.refine_cameras:
-        with stage("cameras"):
+    with stage("cameras"):
+        doubt = find_camera_errors(scene, tracks, rays, config.camera_errors, config.triangulation, config.seed)
+        wrong = camera_error_lines(scene, doubt)
+        if doubt.corrected:
+            scene = doubt.correct(scene)
+            rays = triangulate(scene, tracks, config.triangulation)
+        if config.refine_cameras:
             scene, cameras = refine_cameras(
                 scene, tracks, rays, config.camera_refinement, config.triangulation, config.seed
             )
-        cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
-        if cameras.refined:
-            rays = triangulate(scene, tracks, config.triangulation)
-            stage.observer.cameras(form.given_cameras(scene))
+            cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
+    with stage("tracking"):
+        # Features are matched along epipolar lines, which wrong cameras put elsewhere.
+        tracks = with_wide_baselines(scene, tracks, config.tracking, config.wide_baseline)
+        rays = triangulate(scene, tracks, config.triangulation)
+    stage.observer.tracks(form.given_tracks(tracks))
+    if doubt.corrected or (cameras is not None and cameras.refined):
+        stage.observer.cameras(form.given_cameras(scene))
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
     with stage("edges"):
         edges = contact_edges(scene, instances, config.edges)
-    return Prepared(scene, tracks, rays, instances, track_instance, edges, form, cameras, tracks.warnings)
+    warnings = (*tracks.warnings, *wrong)
+    return Prepared(scene, tracks, rays, instances, track_instance, edges, form, doubt, cameras, warnings)
 
 
 def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None, restart: int = 0) -> Estimate:
@@ -126,6 +136,7 @@ def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages 
         edges=prepared.edges,
         estimate=estimated,
         timings_s=stage.timings_s,
+        camera_doubt=prepared.camera_doubt,
         cameras=prepared.cameras,
         config=config,
     )

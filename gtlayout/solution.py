@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import trimesh
 
+from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.config import Config
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
@@ -27,8 +28,8 @@ class Solution:
     """The layout, and everything it was made from."""
 
     scene: Scene
-    """The given scene, with refined cameras where ``cameras.refined``. Its warnings also name what was skipped, joined
-    or split.
+    """The given scene, with the cameras that the planes were solved with: see ``new_cameras``. Its warnings also name
+    what was skipped, joined or split, and what is wrong with the cameras.
     """
     layout: Layout
     quality: Quality
@@ -39,10 +40,17 @@ class Solution:
     estimate: Estimate
     timings_s: dict[str, float]
     """Seconds of each stage, all restarts together."""
+    camera_doubt: CameraDoubt = field(default_factory=CameraDoubt)
+    """Errors that all given cameras share, and which of them were corrected."""
     cameras: CameraReport | None = None
     """The result of refining the cameras; None without ``refine_cameras``."""
     config: Config = field(default_factory=Config)
     """The configuration of the solve."""
+
+    @property
+    def new_cameras(self) -> bool:
+        """Whether the scene's cameras are not those given, but corrected or refined."""
+        return self.camera_doubt.corrected or (self.cameras is not None and self.cameras.refined)
 
     @property
     def planes(self) -> tuple[Plane, ...]:

@@ -173,6 +173,9 @@ def test_refined_cameras_are_read_back(tiny: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(same.camera.R_cam_from_world, frame.camera.R_cam_from_world, atol=1e-12)
         np.testing.assert_allclose(same.camera.t_cam_from_world, frame.camera.t_cam_from_world, atol=1e-12)
         assert same.image_path == frame.image_path
+    zoomed = replace(moved.frames[0].camera, K=moved.frames[0].camera.K * np.array([[1.05], [1.05], [1.0]]))
+    (tmp_path / FILE).write_text(refined_cameras_text(with_cameras(moved, (zoomed,) * len(moved.frames))))
+    np.testing.assert_allclose(with_refined_cameras(scene, tmp_path).frames[-1].camera.K, zoomed.K, atol=1e-9)
     (tmp_path / FILE).write_text(refined_cameras_text(replace(moved, frames=moved.frames[1:])))
     with pytest.raises(GtlayoutError, match=f"no camera for {scene.frames[0].name}"):
         with_refined_cameras(scene, tmp_path)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,6 +26,7 @@ from gtlayout.check.cameras import AS_GIVEN, OTHERWISE, camera_suspicions, share
 from gtlayout.check.images import Matches, look_through
 from gtlayout.check.motion import motion_suspicions
 from gtlayout.check.scale import scale_suspicions
+from gtlayout.check.shared_errors import shared_error_suspicions
 from gtlayout.check.two_views import triangulate_pair
 from gtlayout.cli.app import main
 from gtlayout.io.scene_folder import load_scene
@@ -157,6 +159,29 @@ def test_poses_of_other_images(scene: Scene, matches: list[Matches]) -> None:
 def test_wrong_focal_length(scene: Scene, matches: list[Matches]) -> None:
     (line,) = camera_suspicions(with_cameras(scene, lambda _, c: replace(c, K=c.K @ np.diag([1.5, 1.5, 1]))), matches)
     assert "a focal length about 0.7 times as long" in line
+
+
+def test_slightly_wrong_focal_length_is_named_with_its_number(scene: Scene, matches: list[Matches]) -> None:
+    def lengthened(_: int, camera: Camera) -> Camera:
+        return replace(camera, K=camera.K * np.array([[1.05, 1, 1], [1, 1.05, 1], [1, 1, 1]]))
+
+    assert shared_error_suspicions(scene, matches) == []
+    (line,) = shared_error_suspicions(with_cameras(scene, lengthened), matches)
+    given_px = 1.05 * scene.frames[0].camera.K[0, 0]
+    said = re.fullmatch(rf"focal length (.*)% too long: {given_px:.0f} instead of (\d+) ± (\d+) px", line)
+    assert said is not None
+    share, right_px, sigma_px = (float(figure) for figure in said.groups())
+    assert share == pytest.approx(100 * (given_px / right_px - 1), abs=0.3)
+    assert abs(right_px - given_px / 1.05) <= 2 * sigma_px + 1
+
+
+def test_points_on_the_way_are_where_they_are(scene: Scene, matches: list[Matches]) -> None:
+    for m in matches:
+        assert [frame for frame, _ in m.between] == list(range(m.source + 1, m.target))
+        for frame, points_px in m.between:
+            step = Matches(m.source, frame, m.source_px, points_px)
+            errors_px, _ = triangulate_pair(step, scene.frames[m.source].camera, scene.frames[frame].camera)
+            assert np.median(errors_px) < 0.5
 
 
 # --- unit

@@ -123,6 +123,28 @@ def test_a_short_path_gives_a_straight_lens_and_the_same_bytes_again(long_arc: P
     assert model_bytes(found.reconstruction, tmp_path / "a") == model_bytes(again.reconstruction, tmp_path / "b")
 
 
+def test_halves_of_a_video_say_how_well_the_focal_length_is_known(
+    long_arc: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("gtlayout.importing.structure_from_motion.MIN_HALF", 5)
+    told = _Told()
+    found = run(film(images_of(long_arc / "images")[:40:4], tmp_path), tmp_path, observer=told)
+    (lens,) = found.reconstruction.cameras.values()
+    assert told.stages["checking the lens"][-1] == (4, 4)
+    assert "px from every other frame" in found.verdict()
+    assert (lens.params[3] == 0) == (STRAIGHTENED in found.warnings)
+    assert abs(lens.params[0] - load_scene(long_arc).frames[0].camera.K[0, 0]) < 3 * found.sigma_focal_px
+
+
+def test_a_given_focal_length_stays(long_arc: Path, tmp_path: Path) -> None:
+    extraction = film(images_of(long_arc / "images")[:24:4], tmp_path)
+    (tmp_path / "work").mkdir()
+    found = reconstruct(tmp_path / "images", extraction.names, tmp_path / "work", focal_px=300.0)
+    (lens,) = found.reconstruction.cameras.values()
+    assert lens.params[0] == 300.0
+    assert found.verdict().endswith("focal length 300 px as given")
+
+
 def test_two_rooms_in_one_video_fall_apart(long_arc: Path, other_room: list[ImageArray], tmp_path: Path) -> None:
     images = images_of(long_arc / "images")[:24:3] + other_room
     found = run(film(images, tmp_path), tmp_path)

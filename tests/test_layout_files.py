@@ -90,7 +90,7 @@ def test_same_layout_same_bytes(tmp_path: Path, solved: tuple[Scene, Layout, Qua
 
 
 def test_refined_cameras_do_not_outlive_their_layout(tmp_path: Path, solved: tuple[Scene, Layout, Quality]) -> None:
-    write_results(tmp_path, *solved, Config(), cameras_refined=True)
+    write_results(tmp_path, *solved, Config(), new_cameras=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["cameras.json", *FILES])
     write_results(tmp_path, *solved, Config())
     assert sorted(path.name for path in tmp_path.iterdir()) == FILES

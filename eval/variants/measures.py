@@ -11,7 +11,7 @@ import resource
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +79,7 @@ def measure(variant: Variant) -> SceneRows:
 
 def rows_of(variant: Variant, solution: Solution, seconds: float, peak: int) -> SceneRows:
     """The same for a solution that is there already."""
+    variant = through_new_cameras(variant, solution)
     judge = variant.judge
     truth = read_truth(judge)
     if truth is None:
@@ -110,6 +111,15 @@ def rows_of(variant: Variant, solution: Solution, seconds: float, peak: int) -> 
         Metric("peak_memory", peak / MIB, "MiB", False),
     ]
     return {WHOLE: whole, **planes}
+
+
+def through_new_cameras(variant: Variant, solution: Solution) -> Variant:
+    """The variant, judged through the cameras that the planes were solved with, where these are not those given."""
+    if not solution.new_cameras:
+        return variant
+    cameras = {frame.name: variant.moved.camera_back(frame.camera) for frame in solution.scene.frames}
+    frames = (replace(f, camera=cameras.get(f.name, f.camera)) for f in variant.judge.frames)
+    return replace(variant, judge=replace(variant.judge, frames=tuple(frames)))
 
 
 def plane_rows(

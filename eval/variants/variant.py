@@ -34,6 +34,11 @@ class Similarity:
             camera, R_cam_from_world=rotation, t_cam_from_world=self.scale * camera.t_cam_from_world - rotation @ self.t
         )
 
+    def camera_back(self, camera: Camera) -> Camera:
+        """The inverse of ``camera``."""
+        t_cam_from_world = (camera.t_cam_from_world + camera.R_cam_from_world @ self.t) / self.scale
+        return replace(camera, R_cam_from_world=camera.R_cam_from_world @ self.R, t_cam_from_world=t_cam_from_world)
+
     def undone(self, layout: Layout, metric: bool) -> Layout:
         """A layout of the given world in the original one; without its mesh and dimensions."""
         planes = [self._plane(plane) for plane in layout.planes]

@@ -9,6 +9,7 @@ from gtlayout.check.cameras import camera_suspicions, fits_images
 from gtlayout.check.images import look_through
 from gtlayout.check.motion import motion_suspicions
 from gtlayout.check.scale import scale_suspicions
+from gtlayout.check.shared_errors import shared_error_suspicions
 from gtlayout.scene import Scene
 
 
@@ -27,7 +28,10 @@ def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done
     these do not fit the images.
     """
     seen = look_through(scene, progress)
-    lines = [*scene.warnings, *seen.lines, *annotation_suspicions(scene), *camera_suspicions(scene, seen.matches)]
+    otherwise = camera_suspicions(scene, seen.matches)
+    lines = [*scene.warnings, *seen.lines, *annotation_suspicions(scene), *otherwise]
     if seen.matches and fits_images(scene, seen.matches):
         lines += [*scale_suspicions(scene, seen.matches), *motion_suspicions(scene, seen.matches)]
+        # The same again, in smaller figures, where cameras fit better when they are read in another way.
+        lines += [] if otherwise else shared_error_suspicions(scene, seen.matches)
     return lines

@@ -44,6 +44,8 @@ class Matches:
     """(N, 2)"""
     target_px: FloatArray
     """(N, 2)"""
+    between: tuple[tuple[int, FloatArray], ...] = ()
+    """Frames on the way, and (N, 2) where the points are in each."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,8 @@ class _Chain:
     """That frame's."""
     points_px: FloatArray
     """(N, 2) where they are in it."""
+    between: tuple[tuple[int, FloatArray], ...] = ()
+    """Frames after ``start`` and before ``frame``, and (N, 2) where the points are in each."""
     survivors: int = 0
     """How many reached the frame after ``start``; 0 before that, and when it was too few."""
     ended: bool = False
@@ -134,18 +138,20 @@ class _Chain:
         count = int(np.count_nonzero(ok))
         if count < max(MIN_POINTS, MIN_SURVIVING * self.survivors):
             return replace(self, ended=True)
+        on_the_way = (*self.between, (self.frame, self.points_px)) if self.survivors else ()
         return _Chain(
             self.start,
             self.source_px[ok],
             next_frame,
             next_image,
             moved[ok],
+            tuple((frame, points_px[ok]) for frame, points_px in on_the_way),
             self.survivors or count,
             next_frame - self.start >= MAX_STEPS,
         )
 
     def matches(self) -> Matches:
-        return Matches(self.start, self.frame, self.source_px, self.points_px)
+        return Matches(self.start, self.frame, self.source_px, self.points_px, self.between)
 
 
 def _starts(scene: Scene) -> set[int]:

@@ -23,6 +23,7 @@ def import_(
     annotations: Path | None = None,
     colmap: Annotated[bool, NO_NEGATIVE] = False,
     rate: Annotated[float, Parameter(validator=Number(gt=0))] = 10.0,
+    focal: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     depth_scale: Path | None = None,
     known_distance: Path | None = None,
     label_config: Literal["cvat", "label-studio"] | None = None,
@@ -44,6 +45,8 @@ def import_(
         Find the cameras with COLMAP: features, sequential matching, incremental mapping, on the CPU.
     rate
         With --colmap and a video: frames to take per second; of each interval the sharpest.
+    focal
+        With --colmap: the focal length in px of the extracted images, where it is known; it is then not searched for.
     depth_scale
         Make the scene metric by depth maps: a 16-bit PNG in millimetres called like its frame, or a folder of them.
         With --colmap or COLMAP cameras.
@@ -67,6 +70,7 @@ def import_(
             out,
             annotations,
             rate_hz=rate if colmap else None,
+            focal_px=focal,
             depth_scale=depth_scale,
             known_distance=known_distance,
             observer=progress,

@@ -41,6 +41,7 @@ def import_scene(
     annotations: Path | None,
     *,
     rate_hz: float | None,
+    focal_px: float | None = None,
     depth_scale: Path | None,
     known_distance: Path | None,
     observer: Observer,
@@ -48,13 +49,15 @@ def import_scene(
     """Write what ``source`` holds to the new scene folder ``out``: all of it or nothing.
 
     ``source`` is a folder with cameras or, where ``rate_hz`` is given, a video (that many frames a second are taken) or
-    a folder of images, whose cameras COLMAP then finds. ``depth_scale`` and ``known_distance`` are files that
-    determine the unit.
+    a folder of images, whose cameras COLMAP then finds, with the focal length ``focal_px`` where that is known.
+    ``depth_scale`` and ``known_distance`` are files that determine the unit.
 
     Raises GtlayoutError when something is missing, wrong, or cannot be determined. ``out`` is then not created.
     """
     if depth_scale is not None and known_distance is not None:
         raise GtlayoutError("the unit can come from --depth-scale or from --known-distance, not from both")
+    if focal_px is not None and rate_hz is None:
+        raise GtlayoutError("--focal is the focal length that --colmap uses: add --colmap")
     if not source.exists():
         raise GtlayoutError(f"no folder or video {source}")
     if rate_hz is None and source.is_file():
@@ -62,7 +65,7 @@ def import_scene(
     with new_folder(out) as filled, tempfile.TemporaryDirectory(dir=filled.parent) as work:
         model = None
         if rate_hz is not None:
-            scene, model, messages = _with_colmap(source, annotations, rate_hz, Path(work), observer)
+            scene, model, messages = _with_colmap(source, annotations, rate_hz, focal_px, Path(work), observer)
         else:
             scene, messages = load_scene(source, annotations, annotated=False), ()
         scale = None
@@ -87,7 +90,12 @@ def import_scene(
 
 
 def _with_colmap(
-    source: Path, annotations: Path | None, rate_hz: float, work: Path, observer: Observer
+    source: Path,
+    annotations: Path | None,
+    rate_hz: float,
+    focal_px: float | None,
+    work: Path,
+    observer: Observer,
 ) -> tuple[Scene, pycolmap.Reconstruction, tuple[str, ...]]:
     """The scene with the cameras that COLMAP finds, COLMAP's model, and messages."""
     warnings: tuple[str, ...] = ()
@@ -102,7 +110,7 @@ def _with_colmap(
         names = tuple(
             sorted((path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
         )
-    found = reconstruct(images, names, work, observer)
+    found = reconstruct(images, names, work, observer, focal_px)
     posed = PosedImages(
         posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
     )

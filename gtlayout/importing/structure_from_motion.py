@@ -12,8 +12,11 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.importing.focal_check import checked_models
+from gtlayout.importing.mapping import MIN_IMAGES, SEED, Lens, focal_length, largest, map_images
 from gtlayout.importing.sfm_verdict import MAX_FOCAL_SIGMA, Matching, no_model, weaknesses
 from gtlayout.io.files import write_atomic
+from gtlayout.io.pixels.images import size_of_first
 from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
 
@@ -23,10 +26,8 @@ LENS = "SIMPLE_RADIAL"
 """f and k. A free lens (fx, fy, k1, k2, p1, p2) fits the tracks better and the rooms worse, and starts models that fit
 two frames and no room."""
 STRAIGHTENED = "the video is too short to tell the lens's distortion from its focal length: none was assumed"
-MIN_IMAGES = 3
-MIN_POINTS = 50
-"""A model with fewer is no room: a camera that only turns makes such ones."""
-SEED = 0
+MIN_HALF = 10
+"""Images of each half of the video from which its lens is found again, to compare."""
 MAX_STEP = 512
 """Frames are matched with those 1, 2, 4 … frames on, so far: a camera that comes back is recognised."""
 IMAGES_AT_ONCE, PAIRS_AT_ONCE = 8, 64
@@ -52,21 +53,36 @@ class SfmResult:
     """Largest angle between two of the rays that see a point."""
     focal_px: float
     sigma_focal_px: float
-    """For points seen to within 1 px."""
+    """For points seen to within 1 px, and what halves of the video and lenses disagree by; 0 where it was given."""
     warnings: tuple[str, ...]
+    focal_from: str = ""
+    """Where the focal length comes from: what the halves of the video say, or that it was given."""
 
     def verdict(self) -> str:
         """One line."""
+        focal = (
+            f"{self.focal_px:.0f} ± {self.sigma_focal_px:.0f} px" if self.sigma_focal_px else f"{self.focal_px:.0f} px"
+        )
         return (
             f"{len(self.registered)} of {len(self.names)} frames registered, reprojection error "
             f"{self.reprojection_px:.2f} px, {self.points} points seen in {self.median_track_length:.0f} frames each "
             f"at {self.median_parallax_deg:.1f}° parallax (medians), "
-            f"focal length {self.focal_px:.0f} ± {self.sigma_focal_px:.0f} px"
+            f"focal length {focal}{self.focal_from}"
         )
 
 
-def reconstruct(images: Path, names: Sequence[str], work: Path, observer: Observer | None = None) -> SfmResult:
+def reconstruct(
+    images: Path,
+    names: Sequence[str],
+    work: Path,
+    observer: Observer | None = None,
+    focal_px: float | None = None,
+) -> SfmResult:
     """Find the cameras of the images ``names``, in the order of the video, in folder ``images``: one lens for all.
+
+    The focal length is ``focal_px`` where that is given. Else it is found, and found again without distortion and from
+    either half of the frames (every other one): where these disagree, so much is its σ, and where they agree better
+    without distortion there is none.
 
     The scale is arbitrary. The database and whatever COLMAP writes go to the folder ``work``, which must exist and is
     the caller's to remove. Stages and progress are reported to ``observer``. Deterministic: the same images give the
@@ -81,39 +97,48 @@ def reconstruct(images: Path, names: Sequence[str], work: Path, observer: Observ
     with _quiet():
         pycolmap.set_random_seed(SEED)
         observer.stage("features")
-        _extract(database, images, names, observer.progress)
+        _extract(database, images, names, focal_px, observer.progress)
         observer.stage("matching")
         _match(database, work / "pairs.txt", names, observer.progress)
         matching = _matching(database, names)
         observer.stage("mapping")
-        models = _map(database, images, work, len(names), observer.progress)
+        known = focal_px is not None
+        models = map_images(database, images, work, names, Lens(focal_px=focal_px), observer.progress)
         if not models:
             raise GtlayoutError(f"{images}: {no_model(matching)}")
-        registered = [{image.name for image in model.images.values() if image.has_pose} for model in models]
-        largest = max(range(len(models)), key=lambda i: (len(registered[i]), models[i].num_points3D()))
-        model = models[largest]
-        focal_px, sigma_focal_px = _focal(model, straight=False)
-        straight = sigma_focal_px > MAX_FOCAL_SIGMA * focal_px
-        if straight:
-            focal_px, sigma_focal_px = _focal(model, straight=True)
+        check = None
+        if focal_px is None and len(names) >= 2 * MIN_HALF:
+            observer.stage("checking the lens")
+            models, check = checked_models(database, images, work, names, models, observer.progress)
+        model = models[largest(models)]
+        straight, sigma_focal_px = check is not None and check.straight, 0.0
+        if focal_px is None:
+            focal_px, sigma_focal_px = focal_length(model, straight=straight)
+            if not straight and sigma_focal_px > MAX_FOCAL_SIGMA * focal_px:
+                straight = True
+                focal_px, sigma_focal_px = focal_length(model, straight=True)
     if not sigma_focal_px <= NO_FOCAL_SIGMA * focal_px:
         raise GtlayoutError(f"{images}: {no_model(matching)}")
+    if check is not None:
+        sigma_focal_px = float(np.hypot(sigma_focal_px, check.sigma_px))
+    registered = [{image.name for image in each.images.values() if image.has_pose} for each in models]
+    chosen = registered.pop(largest(models))
     lengths = [point.track.length() for point in model.points3D.values()]
     parallax = median_parallax_deg(model)
-    others = [found for i, found in enumerate(registered) if i != largest]
     return SfmResult(
         reconstruction=model,
         names=tuple(names),
-        registered=tuple(name for name in names if name in registered[largest]),
+        registered=tuple(name for name in names if name in chosen),
         reprojection_px=float(model.compute_mean_reprojection_error()),
         points=len(lengths),
         median_track_length=float(np.median(lengths)) if lengths else 0.0,
         median_parallax_deg=parallax,
         focal_px=focal_px,
         sigma_focal_px=sigma_focal_px,
+        focal_from=check.says if check is not None else " as given" if known else "",
         warnings=(
             *((STRAIGHTENED,) if straight else ()),
-            *weaknesses(matching, registered[largest], others, parallax, sigma_focal_px / focal_px),
+            *weaknesses(matching, chosen, registered, parallax, sigma_focal_px / focal_px),
         ),
     )
 
@@ -137,10 +162,21 @@ def pairs_to_match(count: int) -> list[tuple[int, int]]:
     return [(first, first + step) for first in range(count) for step in steps if first + step < count]
 
 
-def _extract(database: Path, images: Path, names: Sequence[str], progress: Callable[[int, int], None]) -> None:
+def _extract(
+    database: Path,
+    images: Path,
+    names: Sequence[str],
+    focal_px: float | None,
+    progress: Callable[[int, int], None],
+) -> None:
     pycolmap.Database.open(database).close()
     # Imported first and in order: otherwise images are numbered as their features get ready.
     reader = pycolmap.ImageReaderOptions(camera_model=LENS)
+    if focal_px is not None:
+        size = size_of_first(images / name for name in names)
+        if size is None:
+            raise GtlayoutError(f"{images}: no image can be read")
+        reader.camera_params = f"{focal_px},{size[0] / 2},{size[1] / 2},0"
     pycolmap.import_images(database, images, pycolmap.CameraMode.SINGLE, image_names=list(names), options=reader)
     options = pycolmap.FeatureExtractionOptions(use_gpu=False)
     for start in range(0, len(names), IMAGES_AT_ONCE):
@@ -182,59 +218,6 @@ def _matching(database: Path, names: Sequence[str]) -> Matching:
         first, second = sorted(position[i] for i in pycolmap.pair_id_to_image_pair(pair_id))
         inliers[first, second] = int(count)
     return Matching(tuple(names), tuple(features), dict(inliers))
-
-
-def _map(
-    database: Path, images: Path, work: Path, count: int, progress: Callable[[int, int], None]
-) -> list[pycolmap.Reconstruction]:
-    """All models worth the name, in the order they were found."""
-    registered = 0
-
-    def more(images: int) -> None:
-        nonlocal registered
-        registered = min(registered + images, count)
-        progress(registered, count)
-
-    options = pycolmap.IncrementalPipelineOptions(random_seed=SEED, min_model_size=MIN_IMAGES, extract_colors=False)
-    # Sums of several threads differ in their last digits from run to run; problems this small gain little from them.
-    options.num_threads = options.mapper.num_threads = 1
-    options.mapper.random_seed = options.triangulation.random_seed = SEED
-    progress(0, count)
-    models = pycolmap.incremental_mapping(
-        database,
-        images,
-        work,
-        options=options,
-        initial_image_pair_callback=lambda: more(2),
-        next_image_callback=lambda: more(1),
-    )
-    progress(count, count)
-    return [models[i] for i in sorted(models) if models[i].num_points3D() >= MIN_POINTS]
-
-
-def _focal(model: pycolmap.Reconstruction, *, straight: bool) -> tuple[float, float]:
-    """The focal length and its σ for points seen to within 1 px, infinite where nothing determines it.
-
-    ``straight``: adjust all of the model, in place, to a lens without distortion first. On a short path distortion
-    and focal length make up for each other, and both come out far too large.
-    """
-    (camera,) = model.cameras.values()
-    config = pycolmap.BundleAdjustmentConfig()
-    for image_id in sorted(model.reg_image_ids()):
-        config.add_image(image_id)
-    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    options = pycolmap.BundleAdjustmentOptions(refine_extra_params=not straight, print_summary=False)
-    options.ceres.solver_options.num_threads = 1
-    if straight:
-        camera.params = [*camera.params[:3], 0.0]
-    adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
-    if straight:
-        adjuster.solve()
-        model.update_point_3d_errors()
-    found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), model, adjuster)
-    covariance = None if found is None else found.get_other_params_cov(camera.params)
-    sigma = np.inf if covariance is None else float(np.sqrt(covariance[0, 0]))
-    return float(camera.params[0]), sigma
 
 
 @contextmanager

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
+from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.edges import ContactEdge
 from gtlayout.instances import Instance, Members
 from gtlayout.prepared.canonical import Canonical
@@ -39,6 +40,10 @@ class Prepared(Measurements):
     """The results of stages 1 to 3 in the canonical form of a scene, and the way back to the given scene."""
 
     form: Canonical
+    camera_doubt: CameraDoubt = field(default_factory=CameraDoubt)
+    """Errors that all given cameras share; those that it corrects are corrected in ``scene``. What stays has a σ that
+    no track or plane shows: ``camera_doubt.changed`` moves the cameras of ``scene`` by it.
+    """
     cameras: CameraReport | None = None
     """The result of refining the cameras, in the given unit; None without ``refine_cameras``."""
     warnings: tuple[str, ...] = ()
@@ -48,9 +53,9 @@ class Prepared(Measurements):
 
     @property
     def given_scene(self) -> Scene:
-        """The scene as given, with refined cameras where ``cameras.refined``."""
+        """The scene as given, with the cameras that the planes are solved with."""
         refined = self.cameras is not None and self.cameras.refined
-        return self.form.given_cameras(self.scene) if refined else self.form.given
+        return self.form.given_cameras(self.scene) if refined or self.camera_doubt.corrected else self.form.given
 
     @property
     def given_tracks(self) -> Tracks:

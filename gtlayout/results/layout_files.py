@@ -38,19 +38,19 @@ def write_results(
     layout: Layout,
     quality: Quality,
     config: Config,
-    cameras_refined: bool = False,
+    new_cameras: bool = False,
     timings_s: Mapping[str, float] | None = None,
 ) -> None:
     """Write all result files. All are complete before the first takes its place. Those of an earlier solve are removed.
 
-    ``cameras_refined``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
+    ``new_cameras``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
     seconds of each stage; in a file of their own, because all others are the same bytes for the same input.
 
     Raises:
         GtlayoutError: the folder or disk does not take them.
     """
     optional: dict[Path, bytes | str] = {}
-    if cameras_refined:
+    if new_cameras:
         optional[out_dir / CAMERAS_FILE] = refined_cameras_text(scene)
     if timings_s is not None:
         optional[out_dir / TIMINGS_FILE] = json_text({"seconds": dict(timings_s)})

@@ -1,4 +1,4 @@
-"""Refined cameras beside the results: ``cameras.json``, in the form of nerfstudio's ``transforms.json``."""
+"""Corrected or refined cameras beside the results: ``cameras.json``, in nerfstudio's form of ``transforms.json``."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def refined_cameras_text(scene: Scene) -> str:
 
 
 def with_refined_cameras(scene: Scene, folder: Path) -> Scene:
-    """The scene with the poses that its layout in ``folder`` was solved with; unchanged when they are the given ones.
+    """The scene with the cameras that its layout in ``folder`` was solved with; unchanged when they are the given ones.
 
     Raises GtlayoutError when the file is damaged or lacks a frame of the scene.
     """
@@ -32,6 +32,11 @@ def with_refined_cameras(scene: Scene, folder: Path) -> Scene:
         pose = poses.get(scene.root / file_path(scene.root, frame))
         if pose is None:
             raise GtlayoutError(f"{path} has no camera for {frame.name}; solve the scene again")
-        camera = replace(frame.camera, R_cam_from_world=pose.R_cam_from_world, t_cam_from_world=pose.t_cam_from_world)
+        camera = replace(
+            frame.camera,
+            K=pose.camera.calibration_matrix(),
+            R_cam_from_world=pose.R_cam_from_world,
+            t_cam_from_world=pose.t_cam_from_world,
+        )
         frames.append(replace(frame, camera=camera))
     return replace(scene, frames=tuple(frames))

@@ -86,10 +86,14 @@ def joined(parts: Sequence[Tracks], tried: tuple[IntArray, ...]) -> Tracks:
 
 def spread_observations(tracks: Tracks, most: int) -> BoolArray:
     """(M,) up to ``most`` observations of each track, evenly spread over it, its ends among them."""
-    length = np.bincount(tracks.track, minlength=len(tracks))
-    first = np.cumsum(length) - length
-    position = np.arange(len(tracks.track)) - first[tracks.track]
-    slots = (np.minimum(length, most) - 1)[tracks.track]
-    last = np.maximum(length - 1, 1)[tracks.track]
+    return evenly_spread(tracks.track, most)
+
+
+def evenly_spread(track: IntArray, most: int) -> BoolArray:
+    """(M,) up to ``most`` of each run of equal indices in ascending ``track``, evenly spread over it, its ends too."""
+    _, first, run, lengths = np.unique(track, return_index=True, return_inverse=True, return_counts=True)
+    position = np.arange(len(track)) - first[run]
+    slots = (np.minimum(lengths, most) - 1)[run]
+    last = np.maximum(lengths - 1, 1)[run]
     chosen: BoolArray = (position * slots) // last > ((position - 1) * slots) // last
     return chosen | (position == 0)

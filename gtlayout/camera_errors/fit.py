@@ -1,0 +1,137 @@
+"""Gauss-Newton for errors that all cameras share, with depths of points and pose noise as further unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.camera_errors.models import CameraError, corrected
+from gtlayout.camera_errors.noise import PoseNoise, noise_directions, noisy
+from gtlayout.camera_errors.observations import Observations
+from gtlayout.camera_errors.path import CameraPath
+from gtlayout.camera_errors.system import CameraSystem, camera_system
+from gtlayout.scene import FloatArray, IntArray
+from gtlayout.tracking.config import CameraErrorConfig
+
+_STEP = 1e-4
+"""Of numerical derivatives, in σ of an error's prior."""
+_MAX_RHO_FACTOR = 10.0
+"""By which an inverse depth may change in one iteration."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What a fit is made from."""
+
+    path: CameraPath
+    """The given cameras of all frames, in a world of a room's size."""
+    seen: Observations
+    rho: FloatArray
+    """(N,) inverse depths with the given cameras."""
+    errors: Sequence[CameraError]
+    config: CameraErrorConfig
+
+    @property
+    def priors(self) -> FloatArray:
+        """(P,) σ of all errors' values."""
+        return np.concatenate([np.full(error.size, error.scale.prior) for error in self.errors])
+
+    @property
+    def least_noise(self) -> PoseNoise:
+        """Pose noise that good cameras have."""
+        config = self.config
+        smooth, white = (
+            np.array([np.deg2rad(degrees), position]) ** 2
+            for degrees, position in (config.least_smooth, config.least_white)
+        )
+        return PoseNoise.between(self.seen.frames, config.correlated_frames, smooth, white)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Where Gauss-Newton ended, and its last linearisation with depths and pose noise eliminated."""
+
+    values: FloatArray
+    """(P,) of all errors; 0 of those that were not fitted."""
+    information: FloatArray
+    """(P, P) of all values, fitted or not."""
+    gradient: FloatArray
+    """(P,) by all values; 0 of those fitted, once converged."""
+    spread: FloatArray
+    """(P, P) covariance of ``gradient``, from how the tracks' own gradients differ."""
+
+    def optimum(self, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
+        """(C,) values where the cost is least with only the ``chosen`` ones free, and their (C, C) covariance."""
+        inverse = np.linalg.inv(self.information[np.ix_(chosen, chosen)])
+        values = self.values[chosen] - inverse @ self.gradient[chosen]
+        return values, inverse @ self.spread[np.ix_(chosen, chosen)] @ inverse
+
+
+def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
+    """Fit the values with indices ``active`` from (P,) ``start`` on; the others stay as they are there.
+
+    Pose noise is an unknown with a prior whose size is learned on the way (expectation maximisation), so that what
+    noise explains as well is no evidence for an error.
+    """
+    seen, config = problem.seen, problem.config
+    least = noise_prior = problem.least_noise
+    values, rho, noise = start.copy(), problem.rho, np.zeros(6 * len(seen.frames))
+    by_noise = noise_directions(len(seen.frames))
+    for _ in range(config.iterations):
+        system, by_values = _linearised(problem, values, noise, rho)
+        directions = np.hstack([by_values[:, active], by_noise])
+        information = directions.T @ system.information @ directions
+        gradient = directions.T @ system.scores.sum(axis=0)
+        before = np.concatenate([values[active], noise])
+        for _ in range(config.noise_steps):
+            prior = np.zeros_like(information)
+            prior[: len(active), : len(active)] = np.diag(problem.priors[active] ** -2)
+            prior[len(active) :, len(active) :] = noise_prior.information()
+            covariance = np.asarray(np.linalg.inv(information + prior), np.float64)
+            after = before - covariance @ (gradient + prior @ before)
+            noise = after[len(active) :]
+            noise_prior = noise_prior.learned(noise, covariance[len(active) :, len(active) :], least)
+        values[active] = after[: len(active)]
+        stepped = rho + system.rho_step(directions @ (after - before))
+        rho = np.clip(stepped, rho / _MAX_RHO_FACTOR, rho * _MAX_RHO_FACTOR)
+    system, by_values = _linearised(problem, values, noise, rho)
+    return _without_noise(system, by_values, by_noise, values, noise, noise_prior, problem.priors)
+
+
+def _linearised(
+    problem: Problem, values: FloatArray, noise: FloatArray, rho: FloatArray
+) -> tuple[CameraSystem, FloatArray]:
+    """The system, and (D, P) changes of the cameras by each value."""
+    path, frames = problem.path, problem.seen.frames
+    columns = []
+    for i, prior in enumerate(problem.priors):
+        step = np.zeros(len(values))
+        step[i] = _STEP * prior
+        below, above = (corrected(path, problem.errors, values + sign * step) for sign in (-1, 1))
+        columns.append((below.at(frames).change_to(above.at(frames)) / (2 * step[i])).ravel())
+    now = noisy(corrected(path, problem.errors, values).at(frames), noise)
+    config = problem.config
+    return camera_system(now, problem.seen, rho, config.cauchy, config.sigma_factor), np.column_stack(columns)
+
+
+def _without_noise(
+    system: CameraSystem,
+    by_values: FloatArray,
+    by_noise: FloatArray,
+    values: FloatArray,
+    noise: FloatArray,
+    noise_prior: PoseNoise,
+    priors: FloatArray,
+) -> Fit:
+    """Eliminate the pose noise."""
+    noise_information, value_information = noise_prior.information(), np.diag(priors**-2)
+    weighted = system.information @ by_noise
+    mixed = weighted.T @ by_values
+    response = np.linalg.solve(by_noise.T @ weighted + noise_information, mixed)
+    own_scores = system.scores @ (by_values - by_noise @ response)
+    gradient = own_scores.sum(axis=0) + value_information @ values - response.T @ (noise_information @ noise)
+    information = by_values.T @ system.information @ by_values + value_information - mixed.T @ response
+    spread = own_scores.T @ own_scores + response.T @ noise_information @ response + value_information
+    return Fit(values, information, gradient, spread)
