@@ -12,6 +12,7 @@ from functools import partial
 from threadpoolctl import threadpool_limits
 
 from gtlayout.camera_errors.find import find_camera_errors
+from gtlayout.camera_errors.propagate import camera_response
 from gtlayout.camera_errors.wording import camera_error_lines
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
@@ -92,6 +93,8 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
         # Features are matched along epipolar lines, which wrong cameras put elsewhere.
         tracks = with_wide_baselines(scene, tracks, config.tracking, config.wide_baseline)
         rays = triangulate(scene, tracks, config.triangulation)
+    with stage("cameras"):
+        response = camera_response(scene, tracks, rays, config.camera_errors, config.seed)
     stage.observer.tracks(form.given_tracks(tracks))
     if doubt.corrected or (cameras is not None and cameras.refined):
         stage.observer.cameras(form.given_cameras(scene))
@@ -100,7 +103,19 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     with stage("edges"):
         edges = contact_edges(scene, instances, config.edges)
     warnings = (*tracks.warnings, *wrong)
-    return Prepared(scene, tracks, rays, instances, track_instance, edges, form, doubt, cameras, warnings)
+    return Prepared(
+        scene,
+        tracks,
+        rays,
+        instances,
+        track_instance,
+        edges,
+        form,
+        doubt,
+        cameras,
+        warnings,
+        camera_response=response,
+    )
 
 
 def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None, restart: int = 0) -> Estimate:

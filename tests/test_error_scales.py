@@ -42,6 +42,8 @@ def system(planes: int, measurements: list[tuple[int, int, FloatArray, FloatArra
         np.concatenate([target for _, _, _, target in measurements]),
         np.array([family for family, _, _, _ in measurements]),
         np.cumsum([0, *sizes[:-1]]),
+        np.full(len(plane), -1),
+        np.full(len(plane), np.nan),
     )
 
 

@@ -37,10 +37,18 @@ class Observations:
         return np.searchsorted(self.track, np.arange(len(self.tracks)))
 
 
-def observe(scene: Scene, tracks: Tracks, chosen: IntArray, max_frames: int, max_observations: int) -> Observations:
+def observe(
+    scene: Scene,
+    tracks: Tracks,
+    chosen: IntArray,
+    max_frames: int,
+    max_observations: int,
+    keep_frames: bool = False,
+) -> Observations:
     """Positions of the ``chosen`` tracks in at most ``max_frames`` frames spread over the video, and in key frames.
 
-    Of each track at most ``max_observations``, spread over it. Tracks without any are left out.
+    Of each track at most ``max_observations``, spread over it. Tracks without any are left out; so are frames, but for
+    ``keep_frames``.
     """
     count = len(scene.frames)
     key_frames = np.array([key_frame.frame for key_frame in scene.key_frames])
@@ -54,7 +62,7 @@ def observe(scene: Scene, tracks: Tracks, chosen: IntArray, max_frames: int, max
     index = np.flatnonzero(candidates)
     index = index[evenly_spread(tracks.track[index], max_observations)]
     seen, track = np.unique(tracks.track[index], return_inverse=True)
-    used = np.union1d(tracks.frame[index], at_key[seen])
+    used = frames if keep_frames else np.union1d(tracks.frame[index], at_key[seen])
     return Observations(
         tracks=seen,
         track=track,

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.edges import ContactEdge
 from gtlayout.geometry.raster import spread_points
 from gtlayout.geometry.rays import depth_on_plane, inverse_depth_on_plane
@@ -48,6 +49,8 @@ class Evidence:
     wall: BoolArray
     """(S,) walls."""
     views: tuple[Views, ...]
+    camera_response: CameraResponse
+    """What the cameras may be wrong by, and what that does to the tracks."""
     host: IntArray
     """(S,) for doors and windows the instance they lie in; -1 for all others."""
 
@@ -108,6 +111,7 @@ def gather(measured: Measurements, local: Normalisation, config: EstimationConfi
     level = np.array([label in ("floor", "ceiling") for label in labels])
     wall = np.array([label == "wall" for label in labels])
     across = np.outer(wall, level)
+    response = measured.camera_response or CameraResponse.none(len(tracks), len(scene.key_frames))
     return Evidence(
         rays=rays,
         sigma_rho=np.hypot(rays.sigma_rho, config.relative_depth_sigma * rays.rho),
@@ -119,6 +123,7 @@ def gather(measured: Measurements, local: Normalisation, config: EstimationConfi
         level=level,
         wall=wall,
         views=tuple(_views(scene, instance, key_cameras) for instance in instances),
+        camera_response=replace(response, center=local.scale * response.center),
         host=host,
     )
 

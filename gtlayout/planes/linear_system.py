@@ -33,6 +33,10 @@ class LinearSystem:
     """(G,) of each measurement."""
     first: IntArray
     """(G,) its first row: its rows are right or wrong together."""
+    track: IntArray
+    """(R,) whose inverse depth each row measures, -1 = none."""
+    sigma_rho: FloatArray
+    """(R,) with which σ; NaN where it is none."""
 
     @property
     def size(self) -> IntArray:
@@ -57,6 +61,10 @@ class SystemBuilder:
     jacobians: list[FloatArray] = field(default_factory=list)
     """(m, 3, 3) each; zero for unknowns that are not there."""
     targets: list[FloatArray] = field(default_factory=list)
+    """(m,) each."""
+    tracks: list[IntArray] = field(default_factory=list)
+    """(m,) each, -1 = none."""
+    sigmas_rho: list[FloatArray] = field(default_factory=list)
     """(m,) each."""
     family: list[int] = field(default_factory=list)
     size: list[int] = field(default_factory=list)
@@ -94,10 +102,17 @@ class SystemBuilder:
             self.keys.append(tuple(keys))
             self.jacobians.append(by_unknowns.reshape(-1, 3, 3))
             self.targets.append(target)
+            self.tracks.append(np.full(len(target), -1))
+            self.sigmas_rho.append(np.full(len(target), np.nan))
             # Tracks fail one by one, though a factor holds many.
             sizes = [1] * len(target) if family == TRACK else [len(target)]
             self.size.extend(sizes)
             self.family.extend([family] * len(sizes))
+
+    def add_tracks(self, factor: gtsam.NonlinearFactor, tracks: IntArray, sigma_rho: FloatArray) -> None:
+        """A factor of the (m,) inverse depths of tracks, with (m,) σ."""
+        self.add([factor], TRACK)
+        self.tracks[-1], self.sigmas_rho[-1] = tracks, sigma_rho
 
     def build(self) -> LinearSystem:
         """All that was added."""
@@ -119,4 +134,11 @@ class SystemBuilder:
             jacobian[linked, 2],
         )
         first = np.cumsum([0, *self.size[:-1]])
-        return LinearSystem(rows, np.concatenate(self.targets), np.array(self.family), first)
+        return LinearSystem(
+            rows,
+            np.concatenate(self.targets),
+            np.array(self.family),
+            first,
+            np.concatenate(self.tracks),
+            np.concatenate(self.sigmas_rho),
+        )

@@ -19,7 +19,6 @@ from gtlayout.planes.linear_system import (
     OFFSET,
     PRIOR,
     SHARED_DEPTH,
-    TRACK,
     LinearSystem,
     SystemBuilder,
 )
@@ -113,7 +112,7 @@ def _add_tracks(
             over[here] * per_depth[:, None],
             gtsam.noiseModel.Diagonal.Sigmas(sigma[here] * per_depth),
         )
-        system.add([factor], TRACK)
+        system.add_tracks(factor, members, sigma[here] * per_depth)
 
 
 def _over_plane(points: FloatArray, plane: FloatArray) -> FloatArray:

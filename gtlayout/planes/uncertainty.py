@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from gtlayout.geometry.rays import nonzero
 from gtlayout.instances import EvidenceKind
 from gtlayout.planes.arrow import eliminate, inverse, solve
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
@@ -23,7 +24,7 @@ from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
 from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.linear_system import ANGLE, EDGE, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.linearisation import linearise
-from gtlayout.scene import FloatArray
+from gtlayout.scene import FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks
 
 
@@ -63,7 +64,8 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = linearise(tracks, evidence, planes, placed, config)
     covariance, _, row_weight = _scales(linear, config.uncertainty)
-    tangents = config.uncertainty.sigma_inflation**2 * covariance
+    by_cameras = _moved_by_cameras(linear, evidence, planes, placed, row_weight)
+    tangents = config.uncertainty.sigma_inflation**2 * covariance + by_cameras @ by_cameras.T
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
         to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
@@ -79,6 +81,33 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     of_wall = (evidence.host >= 0) & np.array([kind == "right angles" for kind in held])
     held = [held[evidence.host[s]] if of_wall[s] else held[s] for s in range(len(held))]
     return Uncertainty(of_planes, tuple(held))
+
+
+def _moved_by_cameras(
+    linear: LinearSystem, evidence: Evidence, planes: FloatArray, placed: IntArray, row_weight: FloatArray
+) -> FloatArray:
+    """(3P, Q) what each way in which the cameras may be wrong does to the planes, by one σ."""
+    response = evidence.camera_response
+    ways = response.rho_share.shape[1]
+    rows = np.nonzero(linear.track >= 0)[0]
+    track = linear.track[rows]
+    plane, key_frame = planes[evidence.track_instance[track]], evidence.track_key_frame[track]
+    ray, center = evidence.rays.ray[track], evidence.rays.center[track]
+    facing = np.sum(plane[:, :3] * ray, axis=1)
+    clearance = nonzero(np.sum(plane[:, :3] * center, axis=1) + plane[:, 3])
+    # The residual is ρ + n · v / (n · c + d), for the ray v and the centre c of the key frame's camera.
+    by_turn = np.cross(ray, plane[:, :3]) / clearance[:, None]
+    by_center = -(facing / clearance**2)[:, None] * plane[:, :3]
+    change = evidence.rays.rho[track, None] * response.rho_share[track]
+    change += np.einsum("ri,rqi->rq", by_turn, response.turn[key_frame])
+    change += np.einsum("ri,rqi->rq", by_center, response.center[key_frame])
+    elimination = eliminate(linear.rows.tree, linear.rows.information(row_weight))
+    moved = np.empty((3 * len(placed), ways))
+    for way in range(ways):
+        target = np.zeros(len(linear.target))
+        target[rows] = -change[:, way] / linear.sigma_rho[rows]
+        moved[:, way] = solve(elimination, linear.rows.gradient(row_weight * target))[: len(placed)].ravel()
+    return moved
 
 
 def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.edges import ContactEdge
 from gtlayout.instances import Instance, Members
@@ -28,6 +29,8 @@ class Measurements:
     track_instance: IntArray
     """(N,) instance of each track, -1 = none."""
     edges: tuple[ContactEdge, ...]
+    camera_response: CameraResponse | None = field(default=None, kw_only=True)
+    """What the cameras may be wrong by, and what that does to the tracks; None = they are exact."""
 
     def restarted(self, share: float, seed: int) -> Self:
         """With a random share of the tracks; the others belong to no instance."""

@@ -184,6 +184,8 @@ class CameraErrorConfig:
     """An error counts from so many σ on."""
     held_out_share: float = 0.5
     """Share of the tracks by which a correction is judged that was found with the others."""
+    response_directions: int = 32
+    """Independent ways in which cameras may be wrong that are propagated to the planes, strongest first."""
     min_gain_sigmas: float = 3.0
     """Their mean robust cost must fall by so many σ of the difference for a correction."""
     min_gain: float = 0.2
