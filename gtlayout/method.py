@@ -94,7 +94,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
         tracks = with_wide_baselines(scene, tracks, config.tracking, config.wide_baseline)
         rays = triangulate(scene, tracks, config.triangulation)
     with stage("cameras"):
-        response = camera_response(scene, tracks, rays, config.camera_errors, config.seed)
+        response = camera_response(scene, tracks, rays, doubt, config.camera_errors, config.seed)
     stage.observer.tracks(form.given_tracks(tracks))
     if doubt.corrected or (cameras is not None and cameras.refined):
         stage.observer.cameras(form.given_cameras(scene))

@@ -39,11 +39,6 @@ class Problem:
         return np.concatenate([np.full(error.size, error.scale.prior) for error in self.errors])
 
     @property
-    def floors(self) -> FloatArray:
-        """(P,) σ that remain of all errors' values, however many tracks there are."""
-        return np.concatenate([np.full(error.size, error.scale.floor) for error in self.errors])
-
-    @property
     def least_noise(self) -> PoseNoise:
         """Pose noise that good cameras have."""
         config = self.config
@@ -105,28 +100,29 @@ def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
     return _without_noise(system, by_values, by_noise, values, noise, noise_prior, problem.priors)
 
 
-def posterior(problem: Problem) -> FloatArray:
+def posterior(problem: Problem, prior_covariance: FloatArray) -> FloatArray:
     """(D, D) covariance of the changes of all cameras, given the tracks: of all errors and of pose noise together.
 
-    At the given cameras. The size of pose noise is learned, as in ``fit``.
+    At the given cameras, with (P, P) what is known of the errors' values without these tracks. The size of pose noise
+    is learned, as in ``fit``.
     """
     config, frames = problem.config, len(problem.seen.frames)
     count = len(problem.priors)
     system, by_values = _linearised(problem, np.zeros(count), np.zeros(6 * frames), problem.rho)
     directions = np.hstack([by_values, noise_directions(frames)])
-    information = directions.T @ system.information @ directions
-    gradient = directions.T @ system.scores.sum(axis=0)
+    # Where σ of what is found must be larger by a factor, its information is less by the square of it.
+    honest = config.confidence_factor**-2
+    information = honest * directions.T @ system.information @ directions
+    gradient = honest * directions.T @ system.scores.sum(axis=0)
     least = noise_prior = problem.least_noise
     prior = np.zeros_like(information)
-    prior[:count, :count] = np.diag(problem.priors**-2)
+    prior[:count, :count] = np.linalg.inv(prior_covariance)
     covariance = prior
     for _ in range(config.iterations * config.noise_steps):
         prior[count:, count:] = noise_prior.information()
         covariance = np.asarray(np.linalg.inv(information + prior), np.float64)
         noise = -(covariance @ gradient)[count:]
         noise_prior = noise_prior.learned(noise, covariance[count:, count:], least)
-    covariance = config.confidence_factor**2 * covariance
-    covariance[:count, :count] += np.diag(problem.floors**2)
     return directions @ covariance @ directions.T
 
 

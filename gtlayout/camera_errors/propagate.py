@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gtlayout.camera_errors.camera_response import CameraResponse
+from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.camera_errors.fit import Problem, posterior
 from gtlayout.camera_errors.models import camera_errors
 from gtlayout.camera_errors.observations import observe
@@ -14,26 +16,32 @@ from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import CameraErrorConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import TriangulatedTracks, camera_path
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _BLOCK = 4000
 """Tracks at a time, which bounds the memory."""
 
 
 def camera_response(
-    scene: Scene, tracks: Tracks, rays: TriangulatedTracks, config: CameraErrorConfig, seed: int
+    scene: Scene,
+    tracks: Tracks,
+    rays: TriangulatedTracks,
+    doubt: CameraDoubt,
+    config: CameraErrorConfig,
+    seed: int,
 ) -> CameraResponse:
     """The strongest ``config.response_directions`` directions of what remains unknown of the cameras of ``scene``.
 
     Errors that all cameras share and those of single poses are unknowns together, with priors; what the tracks leave
-    open of them is propagated to the depths of all tracks. Deterministic in ``seed``.
+    open of them is propagated to the depths of all tracks. ``doubt`` is what was found out about the shared ones of
+    ``scene``, corrected where it says so. Deterministic in ``seed``.
     """
     order = np.random.default_rng(seed).permutation(len(tracks))[: config.max_tracks]
-    if len(order) < config.min_tracks or camera_path(scene) == 0.0 or rays.moved_share() < config.min_moved_share:
+    if not doubt.findings or len(order) < config.min_tracks:
         return CameraResponse.none(len(tracks), len(scene.key_frames))
     local = Normalisation.of(rays)
     problem = _problem(scene, tracks, rays, np.sort(order), local, config)
-    covariance = posterior(problem)
+    covariance = posterior(problem, remaining(doubt, config))
     values, vectors = np.linalg.eigh(covariance)
     # (D, D) changes of the cameras by independent errors of one σ each.
     changes = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -52,6 +60,39 @@ def camera_response(
     turn = -np.einsum("kji,kjq->kqi", R, of_cameras[at_key, :3])
     center = of_cameras[at_key, 3:6].transpose(0, 2, 1) / local.scale
     return CameraResponse(share @ strongest, center, turn)
+
+
+def remaining(doubt: CameraDoubt, config: CameraErrorConfig) -> FloatArray:
+    """(P, P) covariance of the values of all shared errors: most cameras are right, some are badly wrong.
+
+    Each error is one of two: as small as in good cameras, or as large as its prior has it. How likely it is the second,
+    its value says (Bayes' rule); the value itself counts by that probability, as a square.
+    """
+    blocks = []
+    for finding in doubt.findings:
+        size, scale = finding.error.size, finding.error.scale
+        small, large = scale.matters**2 / 4, scale.prior**2
+        if finding.decision == "corrected":
+            blocks.append(finding.covariance)
+            continue
+        odds = (
+            config.wrong_share
+            / (1 - config.wrong_share)
+            * np.exp(
+                _log_density(finding.values, finding.covariance + large * np.eye(size))
+                - _log_density(finding.values, finding.covariance + small * np.eye(size))
+            )
+        )
+        wrong = float(odds / (1 + odds))
+        spread = (wrong * large + (1 - wrong) * small) * np.eye(size)
+        blocks.append(spread + wrong * np.outer(finding.values, finding.values))
+    return np.asarray(block_diag(*blocks), np.float64)
+
+
+def _log_density(values: FloatArray, covariance: FloatArray) -> float:
+    """Of a normal distribution about zero, up to a constant."""
+    _, log_determinant = np.linalg.slogdet(covariance)
+    return -0.5 * float(values @ np.linalg.solve(covariance, values) + log_determinant)
 
 
 def _problem(

@@ -184,6 +184,8 @@ class CameraErrorConfig:
     """An error counts from so many σ on."""
     held_out_share: float = 0.5
     """Share of the tracks by which a correction is judged that was found with the others."""
+    wrong_share: float = 0.1
+    """Share of videos whose cameras are badly wrong in one of these ways."""
     response_directions: int = 32
     """Independent ways in which cameras may be wrong that are propagated to the planes, strongest first."""
     min_gain_sigmas: float = 3.0
