@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from dense_rows import dense
 
+from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.instances import EvidenceKind
 from gtlayout.planes import uncertainty
 from gtlayout.planes.arrow import Tree
@@ -18,7 +19,7 @@ from gtlayout.planes.evidence import gather
 from gtlayout.planes.linear_system import EDGE, JOINT, PRIOR, LinearSystem
 from gtlayout.scene import FloatArray
 from gtlayout.tracking.normalisation import Normalisation
-from simulated.simulated_room import make_room, orbit
+from simulated.simulated_room import Room, make_room, orbit
 from simulated.simulation import make_tracks, measurements
 
 NONE = np.empty(0, dtype=np.int64)
@@ -72,23 +73,25 @@ def test_few_residuals_hardly_move_a_scale_from_what_is_expected() -> None:
     assert scale[EDGE] == pytest.approx(np.sqrt((9 / 108 * 100 + 6) / (1 + 6)))
 
 
-def test_sigma_is_inflated_and_not_the_variance() -> None:
+def test_cameras_that_are_off_move_all_planes_together() -> None:
+    """Every depth 2 % larger about a camera that does not move: the room grows, and no residual shows it."""
     room = make_room(orbit(), [3, 10, 17])
-    measured = measurements(room, make_tracks(room, np.random.default_rng(0)))
+    tracks = make_tracks(room, np.random.default_rng(0))
+    measured = measurements(room, tracks)
+    shrunk = CameraResponse(np.full((len(tracks), 1), -0.02), np.zeros((3, 1, 3)), np.zeros((3, 1, 3)))
     local, config = Normalisation.of(measured.rays), EstimationConfig()
-    evidence = gather(measured, local, config)
     planes = room.planes.copy()
     planes[:, 3] = local.scale * (planes[:, 3] + planes[:, :3] @ local.origin)
-    plain, inflated = (
-        uncertainty.plane_uncertainty(
-            measured.tracks,
-            evidence,
-            planes,
-            replace(config, uncertainty=replace(config.uncertainty, sigma_inflation=factor)),
-        ).covariance
-        for factor in (1.0, 3.0)
+    plain, moved = (
+        uncertainty.plane_uncertainty(tracks, gather(case, local, config), planes, config).covariance
+        for case in (measured, replace(measured, camera_response=shrunk))
     )
-    np.testing.assert_allclose(inflated, 9 * plain, rtol=1e-9)
+    added = moved - plain
+    assert np.linalg.matrix_rank(added, tol=1e-6 * np.abs(added).max()) == 1
+    sigma_d = np.sqrt(np.diag(added)[3::4])
+    # From cameras within some decimetres of the middle, each wall moves by 2 % of its distance from them.
+    distance = np.abs(planes[:, :3] @ (local.scale * (center_of(room) - local.origin)) + planes[:, 3])
+    np.testing.assert_allclose(sigma_d, 0.02 * distance, rtol=0.35)
 
 
 @pytest.mark.parametrize(("left", "holds"), [(0.3, "contact edges"), (0.45, "contact edges"), (0.6, "priors")])
@@ -106,3 +109,9 @@ def test_a_plane_rests_on_the_weaker_kind_when_its_loss_hurts_clearly_more(angle
     linear = system(1, [*families, (PRIOR, 0, np.eye(3), np.zeros(3))])
     found = dominant_evidence(linear, np.ones(len(linear.target)), np.array([[0.0, 0.0, 1.0]]))
     assert found == [holds]
+
+
+def center_of(room: Room) -> FloatArray:
+    """(3,) amid the cameras of the key frames."""
+    key_frames = range(len(room.scene.key_frames))
+    return np.mean([room.scene.frame_of(k).camera.center_world for k in key_frames], axis=0)

@@ -65,8 +65,6 @@ class UncertaintyConfig:
     """Number of residuals of the expected size that are added to each family of errors."""
     rounds: int = 15
     """Iterations of expectation maximisation."""
-    sigma_inflation: float = 2.0
-    """Factor on σ, because part of the errors show in no residual. Measured on synthetic rooms."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import numpy as np
 
 from gtlayout.geometry.rays import nonzero
 from gtlayout.instances import EvidenceKind
-from gtlayout.planes.arrow import eliminate, inverse, solve
+from gtlayout.planes.arrow import Elimination, by_blocks, eliminate, inverse, solve
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
 from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
 from gtlayout.planes.evidence import Evidence
@@ -64,8 +64,14 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = linearise(tracks, evidence, planes, placed, config)
     covariance, _, row_weight = _scales(linear, config.uncertainty)
-    by_cameras = _moved_by_cameras(linear, evidence, planes, placed, row_weight)
-    tangents = config.uncertainty.sigma_inflation**2 * covariance + by_cameras @ by_cameras.T
+    elimination = eliminate(linear.rows.tree, linear.rows.information(row_weight))
+    by_cameras = _moved_by_cameras(linear, elimination, evidence, planes, placed, row_weight)
+    tangents = covariance + by_cameras @ by_cameras.T
+    # The solve weighs tracks and edges in another way than the noise estimated here would. Where that makes a
+    # difference, it is one more error, of each plane by itself.
+    own = np.arange(len(placed))
+    step = solve(elimination, linear.rows.gradient(row_weight * linear.target))[: len(placed)]
+    by_blocks(tangents)[own, :, own] += step[:, :, None] * step[:, None]
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
         to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
@@ -84,7 +90,12 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
 
 
 def _moved_by_cameras(
-    linear: LinearSystem, evidence: Evidence, planes: FloatArray, placed: IntArray, row_weight: FloatArray
+    linear: LinearSystem,
+    elimination: Elimination,
+    evidence: Evidence,
+    planes: FloatArray,
+    placed: IntArray,
+    row_weight: FloatArray,
 ) -> FloatArray:
     """(3P, Q) what each way in which the cameras may be wrong does to the planes, by one σ."""
     response = evidence.camera_response
@@ -101,7 +112,6 @@ def _moved_by_cameras(
     change = evidence.rays.rho[track, None] * response.rho_share[track]
     change += np.einsum("ri,rqi->rq", by_turn, response.turn[key_frame])
     change += np.einsum("ri,rqi->rq", by_center, response.center[key_frame])
-    elimination = eliminate(linear.rows.tree, linear.rows.information(row_weight))
     moved = np.empty((3 * len(placed), ways))
     for way in range(ways):
         target = np.zeros(len(linear.target))
