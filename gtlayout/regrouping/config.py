@@ -57,7 +57,7 @@ class RegroupingConfig:
     """One that does so alone in its key frame is left out only below this: a small element need not be far off."""
     min_others: int = 2
     """It does so only if at least this many others agree on its instance: of two nobody knows which is wrong."""
-    min_rejoin_iou: float = 0.7
+    min_rejoin_iou: float = 0.5
     """An element that nothing places rejoins the instance that it looks like with at least this IoU."""
     max_contradicted_share: float = 0.5
     """A key frame is left out as a whole when elements with more than this share of its drawn area contradict."""
