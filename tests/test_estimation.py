@@ -245,7 +245,7 @@ def test_sigma_covers_an_error_that_all_points_share(room: Room) -> None:
     assert np.all(nees(room, solved.planes) < 7.81)
     for i in range(len(room.instances)):
         depth = np.linalg.norm(room.seen_center(i) - anchor)
-        assert 0.003 * depth < depth_sigma(room, solved, i) < 0.05 * depth
+        assert 0.0015 * depth < depth_sigma(room, solved, i) < 0.05 * depth
 
 
 def with_door() -> tuple[Room, int, int]:

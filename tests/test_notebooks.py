@@ -66,7 +66,7 @@ def test_reading_the_uncertainty(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     }"""
     found = run("02_reading_the_uncertainty.ipynb", tmp_path, monkeypatch, wanted)
     assert found["within"] >= 0.85
-    assert found["sigmas_cm"]["poor"] > 1.2 * found["sigmas_cm"]["good"]
+    assert found["sigmas_cm"]["poor"] > 1.1 * found["sigmas_cm"]["good"]
     assert found["dominant_evidence"][0] == ["tracks", "tracks"]
     assert found["dominant_evidence"][1] == ["contact edges", "contact edges"]
     assert "tracks" not in found["dominant_evidence"][2]

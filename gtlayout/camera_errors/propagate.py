@@ -71,7 +71,7 @@ def remaining(doubt: CameraDoubt, config: CameraErrorConfig) -> FloatArray:
     blocks = []
     for finding in doubt.findings:
         size, scale = finding.error.size, finding.error.scale
-        small, large = scale.matters**2 / 4, scale.prior**2
+        small, large = scale.floor**2 / 4, scale.prior**2
         if finding.decision == "corrected":
             blocks.append(finding.covariance)
             continue
