@@ -79,7 +79,8 @@ def test_mesh_is_that_of_the_layout(example: dict[str, Any]) -> None:
     np.testing.assert_array_equal(mesh.face_attributes["instance"], layout.triangles.face_instance)
     index = [instance.label for instance in layout.instances].index("ceiling")
     ceiling = (mesh.face_attributes["instance"] == index) & (mesh.area_faces > 1e-4)
-    np.testing.assert_allclose(mesh.face_normals[ceiling] @ layout.planes[index].normal, 1, atol=1e-6)
+    # Where two instances end at their drawn line, some millimetres beside where they meet, their vertices are welded.
+    np.testing.assert_allclose(mesh.face_normals[ceiling] @ layout.planes[index].normal, 1, atol=1e-4)
     assert len(mesh.vertex_attributes["sigma"]) == len(mesh.vertices)
 
 
