@@ -142,7 +142,7 @@ class EstimationConfig:
     """σ of the prior on a landmark around its start."""
     sigma_coplanarity_angle: float = 0.01
     """σ of the angle between a door or window and its wall, radians."""
-    sigma_recess: float = 0.03
+    sigma_recess: float = 0.06
     """σ of the distance of a door or window from its wall's plane."""
     coplanarity_cauchy: float = 2.0
     """Robust scale of an opening's angle and distance to its host, in σ."""

@@ -22,6 +22,7 @@ from gtlayout.planes.linear_system import (
     LinearSystem,
     SystemBuilder,
 )
+from gtlayout.planes.reflections import reflected
 from gtlayout.planes.structural_factors import (
     edge_factors,
     met,
@@ -32,6 +33,9 @@ from gtlayout.planes.structural_factors import (
 )
 from gtlayout.scene import FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks
+
+_MIRRORED = 0.5
+"""Tracks that are mirror images with more than this probability say nothing of their surface."""
 
 
 def linearise(
@@ -81,7 +85,10 @@ def _add_tracks(
     expected = config.uncertainty
     index = np.nonzero((evidence.track_instance == s) & (evidence.track_weight > 0))[0]
     points, depth = evidence.on_planes(index, plane)
-    index, points, depth = index[depth > 0], points[depth > 0], depth[depth > 0]
+    kept = depth > 0
+    residual = evidence.track_residuals(index, plane[None])[0]
+    kept &= reflected(residual, evidence.relative_sigma(index, residual), 1.0, config) < _MIRRORED
+    index, points, depth = index[kept], points[kept], depth[kept]
     if len(index) == 0:
         return
     # Surfaces of which few points survive (mirrors, gloss) are off by more.

@@ -68,10 +68,13 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     by_cameras = _moved_by_cameras(linear, elimination, evidence, planes, placed, row_weight)
     tangents = covariance + by_cameras @ by_cameras.T
     # The solve weighs tracks and edges in another way than the noise estimated here would. Where that makes a
-    # difference, it is one more error, of each plane by itself.
+    # difference, it is one more error, of each plane by itself; at most as large as the others: either may be right.
     own = np.arange(len(placed))
     step = solve(elimination, linear.rows.gradient(row_weight * linear.target))[: len(placed)]
-    by_blocks(tangents)[own, :, own] += step[:, :, None] * step[:, None]
+    blocks = by_blocks(tangents)
+    squared = np.einsum("pi,pi->p", step, np.linalg.solve(blocks[own, :, own], step[:, :, None])[:, :, 0])
+    step /= np.sqrt(np.maximum(squared, 1.0))[:, None]
+    blocks[own, :, own] += step[:, :, None] * step[:, None]
     to_coefficients = np.zeros((4 * len(planes), 3 * len(placed)))
     for i, s in enumerate(placed):
         to_coefficients[4 * s : 4 * s + 3, 3 * i : 3 * i + 2] = gtsam.OrientedPlane3(planes[s]).normal().basis()
