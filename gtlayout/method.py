@@ -1,4 +1,4 @@
-"""The method: seven stages in order, as in section 3 of the paper, and wrong cameras before the second.
+"""The method: seven stages in order, as in section 3 of the paper; cameras are looked at before anything rests on them.
 
 "Estimating Generic 3D Room Structures from 2D Annotations", Rozumnyi et al., NeurIPS 2023, with its optimisation recast
 as one factor graph.
@@ -81,10 +81,9 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     with stage("cameras"):
         doubt = find_camera_errors(scene, tracks, rays, config.camera_errors, config.triangulation, config.seed)
         wrong = camera_error_lines(scene, doubt)
-        if doubt.corrected:
-            scene = doubt.correct(scene)
-            rays = triangulate(scene, tracks, config.triangulation)
+        scene = doubt.correct(scene)
         if config.refine_cameras:
+            rays = triangulate(scene, tracks, config.triangulation)
             scene, cameras = refine_cameras(
                 scene, tracks, rays, config.camera_refinement, config.triangulation, config.seed
             )

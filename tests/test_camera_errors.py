@@ -14,7 +14,7 @@ from gtlayout.camera_errors.find import find_camera_errors
 from gtlayout.camera_errors.findings import CameraDoubt, Finding
 from gtlayout.camera_errors.models import camera_errors, corrected
 from gtlayout.camera_errors.noise import PoseNoise, noisy
-from gtlayout.camera_errors.observations import Observations, observe, some_tracks
+from gtlayout.camera_errors.observations import Observations, observe
 from gtlayout.camera_errors.path import CameraPath
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
 from gtlayout.camera_errors.wording import camera_error_lines
@@ -251,7 +251,7 @@ def test_what_takes_part(simulated: Room, tracks: Tracks, some: Observations) ->
     assert not np.any(some.frame == some.key_frame)
     rays = triangulate(simulated.scene, tracks, TRIANGULATION)
     np.testing.assert_array_equal(some.key_px, rays.key_px[some.tracks][some.track])
-    part = some_tracks(tracks, some.tracks[::-1])
+    part = tracks.only(np.isin(np.arange(len(tracks)), some.tracks))
     np.testing.assert_allclose(triangulate(simulated.scene, part, TRIANGULATION).center, rays.center[some.tracks])
     np.testing.assert_array_equal(part.sigma_px, tracks.sigma_px[some.tracks])
 

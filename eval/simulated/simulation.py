@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -111,18 +110,7 @@ def make_tracks(
 
 def chosen(tracks: Tracks, index: IntArray) -> Tracks:
     """Only the tracks ``index`` (ascending)."""
-    number = np.full(len(tracks), -1)
-    number[index] = np.arange(len(index))
-    seen = number[tracks.track] >= 0
-    return replace(
-        tracks,
-        key_frame=tracks.key_frame[index],
-        element=tracks.element[index],
-        track=number[tracks.track[seen]],
-        frame=tracks.frame[seen],
-        points_px=tracks.points_px[seen],
-        sigma_px=tracks.sigma_px[index],
-    )
+    return tracks.only(np.isin(np.arange(len(tracks)), index))
 
 
 def no_tracks(scene: Scene) -> Tracks:

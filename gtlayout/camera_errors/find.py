@@ -13,12 +13,10 @@ import numpy as np
 
 from gtlayout.camera_errors.findings import CameraDoubt, Decision, Finding
 from gtlayout.camera_errors.fit import Fit, Problem, fit
-from gtlayout.camera_errors.models import camera_errors, corrected
-from gtlayout.camera_errors.observations import observe, some_tracks
+from gtlayout.camera_errors.models import corrected
 from gtlayout.camera_errors.path import CameraPath
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import CameraErrorConfig, TriangulationConfig
-from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks, camera_path, reprojection_px, triangulate
 
@@ -40,8 +38,8 @@ def find_camera_errors(
     if len(order) < config.min_tracks or camera_path(scene) == 0.0 or rays.moved_share() < config.min_moved_share:
         return CameraDoubt()
     fitted, held_out = np.split(order, [round((1 - config.held_out_share) * len(order))])
-    problem, part = (_problem(scene, tracks, rays, chosen, config) for chosen in (order, fitted))
-    judge = _Judge(scene, some_tracks(tracks, held_out), triangulation)
+    problem, part = (Problem.of(scene, tracks, rays, chosen, config) for chosen in (order, fitted))
+    judge = _Judge(scene, tracks.only(np.isin(np.arange(len(tracks)), held_out)), triangulation)
     nothing = np.zeros(len(problem.priors))
     active: list[int] = []
     doubted: list[int] = []
@@ -75,15 +73,6 @@ def find_camera_errors(
         given_px=given.median_px if given else np.nan,
         corrected_px=best.median_px if best and active else np.nan,
     )
-
-
-def _problem(
-    scene: Scene, tracks: Tracks, rays: TriangulatedTracks, chosen: IntArray, config: CameraErrorConfig
-) -> Problem:
-    seen = observe(scene, tracks, chosen, config.max_frames, config.max_observations)
-    local = Normalisation.of(rays)
-    rho = local.rays(rays).rho[seen.tracks]
-    return Problem(CameraPath.of(scene, local), seen, rho, camera_errors(config), config)
 
 
 def _indices(problem: Problem, errors: Collection[int]) -> IntArray:

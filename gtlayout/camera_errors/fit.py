@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
-from gtlayout.camera_errors.models import CameraError, corrected
+from gtlayout.camera_errors.models import CameraError, camera_errors, corrected
 from gtlayout.camera_errors.noise import PoseNoise, noise_directions, noisy
-from gtlayout.camera_errors.observations import Observations
+from gtlayout.camera_errors.observations import Observations, observe
 from gtlayout.camera_errors.path import CameraPath
 from gtlayout.camera_errors.system import CameraSystem, camera_system
-from gtlayout.scene import FloatArray, IntArray
+from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import CameraErrorConfig
+from gtlayout.tracking.normalisation import Normalisation
+from gtlayout.tracking.tracks import Tracks
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 _STEP = 1e-4
 """Of numerical derivatives, in σ of an error's prior."""
@@ -32,6 +36,22 @@ class Problem:
     """(N,) inverse depths with the given cameras."""
     errors: Sequence[CameraError]
     config: CameraErrorConfig
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        tracks: Tracks,
+        rays: TriangulatedTracks,
+        chosen: IntArray,
+        config: CameraErrorConfig,
+        keep_frames: bool = False,
+    ) -> Self:
+        """The problem of the ``chosen`` tracks; for ``keep_frames`` see ``observe``."""
+        seen = observe(scene, tracks, chosen, config.max_frames, config.max_observations, keep_frames)
+        local = Normalisation.of(rays)
+        rho = local.rays(rays).rho[seen.tracks]
+        return cls(CameraPath.of(scene, local), seen, rho, camera_errors(config), config)
 
     @property
     def priors(self) -> FloatArray:

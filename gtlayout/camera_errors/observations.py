@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -72,19 +72,4 @@ def observe(
         key_px=key_px[seen][track],
         points_px=tracks.points_px[index],
         sigma_px=tracks.sigma_px[seen][track],
-    )
-
-
-def some_tracks(tracks: Tracks, chosen: IntArray) -> Tracks:
-    """Only the ``chosen`` tracks, in their order in ``tracks``."""
-    chosen = np.sort(chosen)
-    kept = np.isin(tracks.track, chosen)
-    return replace(
-        tracks,
-        key_frame=tracks.key_frame[chosen],
-        element=tracks.element[chosen],
-        track=np.searchsorted(chosen, tracks.track[kept]),
-        frame=tracks.frame[kept],
-        points_px=tracks.points_px[kept],
-        sigma_px=tracks.sigma_px[chosen],
     )

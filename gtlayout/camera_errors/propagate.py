@@ -8,18 +8,12 @@ from scipy.linalg import block_diag
 from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.camera_errors.fit import Problem, posterior
-from gtlayout.camera_errors.models import camera_errors
-from gtlayout.camera_errors.observations import observe
-from gtlayout.camera_errors.path import CameraPath
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
-from gtlayout.scene import FloatArray, IntArray, Scene
+from gtlayout.scene import FloatArray, Scene
 from gtlayout.tracking.config import CameraErrorConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks
-
-_BLOCK = 4000
-"""Tracks at a time, which bounds the memory."""
 
 
 def camera_response(
@@ -39,27 +33,24 @@ def camera_response(
     order = np.random.default_rng(seed).permutation(len(tracks))[: config.max_tracks]
     if not doubt.findings or len(order) < config.min_tracks:
         return CameraResponse.none(len(tracks), len(scene.key_frames))
-    local = Normalisation.of(rays)
-    problem = _problem(scene, tracks, rays, np.sort(order), local, config)
+    problem = Problem.of(scene, tracks, rays, order, config, keep_frames=True)
     covariance = posterior(problem, remaining(doubt, config))
     values, vectors = np.linalg.eigh(covariance)
     # (D, D) changes of the cameras by independent errors of one σ each.
     changes = vectors * np.sqrt(np.maximum(values, 0.0))
-    share = np.zeros((len(tracks), len(changes)))
-    for start in range(0, len(tracks), _BLOCK):
-        block = np.arange(start, min(start + _BLOCK, len(tracks)))
-        part = _problem(scene, tracks, rays, block, local, config)
-        if len(part.seen.track):
-            share[part.seen.tracks] = _depth_change(part, changes) / part.rho[:, None]
     # Only directions that change depths matter, and few of them do.
-    strength, directions = np.linalg.eigh(share.T @ share)
-    strongest = directions[:, np.argsort(-strength, kind="stable")[: config.response_directions]]
-    of_cameras = (changes @ strongest).reshape(-1, DIMENSIONS, strongest.shape[1])
+    some = _depth_shares(problem, changes)
+    strength, directions = np.linalg.eigh(some.T @ some)
+    strongest = changes @ directions[:, np.argsort(-strength, kind="stable")[: config.response_directions]]
+    every = Problem.of(scene, tracks, rays, np.arange(len(tracks)), config, keep_frames=True)
+    rho_share = np.zeros((len(tracks), strongest.shape[1]))
+    rho_share[every.seen.tracks] = _depth_shares(every, strongest)
+    of_cameras = strongest.reshape(-1, DIMENSIONS, strongest.shape[1])
     at_key = np.searchsorted(problem.seen.frames, [key_frame.frame for key_frame in scene.key_frames])
     R = np.array([scene.frame_of(k).camera.R_cam_from_world for k in range(len(scene.key_frames))])
     turn = -np.einsum("kji,kjq->kqi", R, of_cameras[at_key, :3])
-    center = of_cameras[at_key, 3:6].transpose(0, 2, 1) / local.scale
-    return CameraResponse(share @ strongest, center, turn)
+    center = of_cameras[at_key, 3:6].transpose(0, 2, 1) / Normalisation.of(rays).scale
+    return CameraResponse(rho_share, center, turn)
 
 
 def remaining(doubt: CameraDoubt, config: CameraErrorConfig) -> FloatArray:
@@ -95,21 +86,8 @@ def _log_density(values: FloatArray, covariance: FloatArray) -> float:
     return -0.5 * float(values @ np.linalg.solve(covariance, values) + log_determinant)
 
 
-def _problem(
-    scene: Scene,
-    tracks: Tracks,
-    rays: TriangulatedTracks,
-    chosen: IntArray,
-    local: Normalisation,
-    config: CameraErrorConfig,
-) -> Problem:
-    seen = observe(scene, tracks, chosen, config.max_frames, config.max_observations, keep_frames=True)
-    rho = local.rays(rays).rho[seen.tracks]
-    return Problem(CameraPath.of(scene, local), seen, rho, camera_errors(config), config)
-
-
-def _depth_change(problem: Problem, changes: FloatArray) -> FloatArray:
-    """(N, Q) changes of inverse depths that (D, Q) changes of the cameras make."""
+def _depth_shares(problem: Problem, changes: FloatArray) -> FloatArray:
+    """(N, Q) changes of inverse depths, as shares of them, that (D, Q) changes of the cameras make."""
     seen = problem.seen
     at = linearise(problem.path.at(seen.frames), seen, problem.rho)
     weight = 1 / (1 + np.sum(at.residual**2, axis=1) / (problem.config.cauchy * seen.sigma_px) ** 2)
@@ -122,4 +100,4 @@ def _depth_change(problem: Problem, changes: FloatArray) -> FloatArray:
             here = frame == f
             np.add.at(pull, seen.track[here], by_change[here] @ per_camera[f])
     known = np.add.reduceat(weight * np.sum(at.by_rho**2, axis=1), seen.first)
-    return -pull / np.maximum(known, 1e-9)[:, None]
+    return -pull / (np.maximum(known, 1e-9) * problem.rho)[:, None]
