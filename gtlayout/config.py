@@ -14,6 +14,8 @@ from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.tracking.config import (
     CameraErrorConfig,
     CameraRefinementConfig,
+    FeatureConfig,
+    ImageMatchConfig,
     TrackingConfig,
     TriangulationConfig,
     WideBaselineConfig,
@@ -25,6 +27,8 @@ class Config:
     """All stages."""
 
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    features: FeatureConfig = field(default_factory=FeatureConfig)
+    image_matches: ImageMatchConfig = field(default_factory=ImageMatchConfig)
     wide_baseline: WideBaselineConfig = field(default_factory=WideBaselineConfig)
     triangulation: TriangulationConfig = field(default_factory=TriangulationConfig)
     camera_errors: CameraErrorConfig = field(default_factory=CameraErrorConfig)

@@ -32,6 +32,8 @@ from gtlayout.regrouping.regroup import regroup
 from gtlayout.scene import Scene
 from gtlayout.solution import Solution, best_of
 from gtlayout.tracking.bundle_adjustment import refine_cameras
+from gtlayout.tracking.features import VideoFeatures
+from gtlayout.tracking.image_matches import camera_evidence
 from gtlayout.tracking.track import track
 from gtlayout.tracking.triangulation import triangulate
 from gtlayout.tracking.wide_baseline import with_wide_baselines
@@ -77,9 +79,10 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     scene = form.scene
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, stage.observer.progress)
-        rays = triangulate(scene, tracks, config.triangulation)
+        features = VideoFeatures.of(scene, config.features)
     with stage("cameras"):
-        doubt = find_camera_errors(scene, tracks, rays, config.camera_errors, config.triangulation, config.seed)
+        evidence = camera_evidence(scene, features, tracks, config.tracking.sigma_px, config.image_matches)
+        doubt = find_camera_errors(scene, evidence, config.camera_errors, config.triangulation, config.seed)
         wrong = camera_error_lines(scene, doubt)
         scene = doubt.correct(scene)
         if config.refine_cameras:
@@ -90,10 +93,12 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
             cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
     with stage("tracking"):
         # Features are matched along epipolar lines, which wrong cameras put elsewhere.
-        tracks = with_wide_baselines(scene, tracks, config.tracking, config.wide_baseline)
+        tracks = with_wide_baselines(scene, tracks, features, config.tracking, config.wide_baseline)
         rays = triangulate(scene, tracks, config.triangulation)
     with stage("cameras"):
-        response = camera_response(scene, tracks, rays, doubt, config.camera_errors, config.seed)
+        response = camera_response(
+            scene, evidence, tracks, rays, doubt, config.triangulation, config.camera_errors, config.seed
+        )
     stage.observer.tracks(form.given_tracks(tracks))
     if doubt.corrected or (cameras is not None and cameras.refined):
         stage.observer.cameras(form.given_cameras(scene))

@@ -14,7 +14,7 @@ from gtlayout.camera_errors.find import find_camera_errors
 from gtlayout.camera_errors.findings import CameraDoubt, Finding
 from gtlayout.camera_errors.models import camera_errors, corrected
 from gtlayout.camera_errors.noise import PoseNoise, noisy
-from gtlayout.camera_errors.observations import Observations, observe
+from gtlayout.camera_errors.observations import Observations, frames_seen, observe
 from gtlayout.camera_errors.path import CameraPath
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
 from gtlayout.camera_errors.wording import camera_error_lines
@@ -68,11 +68,12 @@ def tracks(simulated: Room) -> Tracks:
 
 @pytest.fixture(scope="module")
 def some(simulated: Room, tracks: Tracks) -> Observations:
-    return observe(simulated.scene, tracks, np.arange(0, len(tracks), 9), max_frames=8, max_observations=4)
+    frames = frames_seen(simulated.scene, tracks, most=8)
+    return observe(simulated.scene, tracks, np.arange(0, len(tracks), 9), frames, max_observations=4)
 
 
 def look(scene: Scene, tracks: Tracks) -> CameraDoubt:
-    return find_camera_errors(scene, tracks, triangulate(scene, tracks, TRIANGULATION), CONFIG, TRIANGULATION, 0)
+    return find_camera_errors(scene, tracks, CONFIG, TRIANGULATION, 0)
 
 
 def spoil(scene: Scene, change: Callable[[Sequence[Camera]], Cameras]) -> Scene:

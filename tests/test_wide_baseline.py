@@ -11,16 +11,16 @@ import shapely
 from test_tracking import Clip, camera_at, make_clip, render, texture
 
 from gtlayout.scene import Camera, FloatArray, ImageArray, Scene
-from gtlayout.tracking.config import TrackingConfig, WideBaselineConfig
+from gtlayout.tracking.config import FeatureConfig, TrackingConfig, WideBaselineConfig
 from gtlayout.tracking.epipolar import EpipolarMatcher, Segments
-from gtlayout.tracking.features import Features, SiftExtractor
+from gtlayout.tracking.features import Features, SiftExtractor, VideoFeatures
 from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks, joined
 from gtlayout.tracking.wide_baseline import with_wide_baselines
 from simulated.simulated_room import as_multi
 
-TRACKING, CONFIG = TrackingConfig(), WideBaselineConfig()
-EXTRACTOR = SiftExtractor(CONFIG.contrast, CONFIG.max_side_px, CONFIG.feature_sigma_px)
+TRACKING, CONFIG, FEATURES = TrackingConfig(), WideBaselineConfig(), FeatureConfig()
+EXTRACTOR = SiftExtractor(FEATURES.contrast, FEATURES.max_side_px, FEATURES.sigma_px)
 FAR_APART = [camera_at([0.9 * (i - 2), 0.05 * i, 0.1 * i], 12.0 * (i - 2)) for i in range(5)]
 """Steps of 16° as seen from the plane: photographs, not a video."""
 
@@ -35,9 +35,13 @@ def followed(clip: Clip) -> Tracks:
     return track(clip.scene, TRACKING, seed=0)
 
 
+def features(clip: Clip) -> VideoFeatures:
+    return VideoFeatures.of(clip.scene, FEATURES)
+
+
 @pytest.fixture(scope="module")
 def found(clip: Clip, followed: Tracks) -> Tracks:
-    return with_wide_baselines(clip.scene, followed, TRACKING, CONFIG)
+    return with_wide_baselines(clip.scene, followed, features(clip), TRACKING, CONFIG)
 
 
 def test_features_are_found_where_points_are_lost(clip: Clip, followed: Tracks, found: Tracks) -> None:
@@ -54,7 +58,7 @@ def test_positions_keep_the_promised_sigma(clip: Clip, found: Tracks) -> None:
     """σ is of each coordinate, and holds errors of cameras, too, which there are none of here."""
     errors_px = clip.errors_px(found)
     assert np.sqrt(np.mean(errors_px[errors_px > 0] ** 2) / 2) < found.sigma_px[0]
-    assert found.sigma_px[0] == pytest.approx(np.hypot(TRACKING.sigma_px, CONFIG.feature_sigma_px))
+    assert found.sigma_px[0] == pytest.approx(np.hypot(TRACKING.sigma_px, FEATURES.sigma_px))
 
 
 def test_arrays_fit_together(clip: Clip, found: Tracks) -> None:
@@ -69,33 +73,35 @@ def test_arrays_fit_together(clip: Clip, found: Tracks) -> None:
 
 
 def test_few_features_leave_an_element_its_tracks(clip: Clip, followed: Tracks) -> None:
-    kept = with_wide_baselines(clip.scene, followed, TRACKING, replace(CONFIG, min_tracks=10**6))
+    kept = with_wide_baselines(clip.scene, followed, features(clip), TRACKING, replace(CONFIG, min_tracks=10**6))
     assert_same(kept, followed)
 
 
 def test_a_camera_that_only_turns_keeps_its_tracks(tmp_path: Path) -> None:
     clip = make_clip(tmp_path, [camera_at([0.0, 0.0, 0.0], 2.0 * i) for i in range(4)], [1])
     followed = track(clip.scene, TRACKING, seed=0)
-    assert with_wide_baselines(clip.scene, followed, TRACKING, CONFIG) is followed
+    assert with_wide_baselines(clip.scene, followed, features(clip), TRACKING, CONFIG) is followed
 
 
 def test_an_unreadable_image_is_stepped_over_and_named(tmp_path: Path) -> None:
     clip = make_clip(tmp_path, FAR_APART, [2])
     followed = track(clip.scene, TRACKING, seed=0)
     clip.scene.frames[4].image_path.write_bytes(b"no image")
-    found = with_wide_baselines(clip.scene, followed, TRACKING, CONFIG)
+    found = with_wide_baselines(clip.scene, followed, features(clip), TRACKING, CONFIG)
     assert found.unreadable == ("004.png",)
     assert len(found) > 20
     assert 4 not in found.frame
 
 
 def test_the_same_scene_gives_the_same_bytes(clip: Clip, followed: Tracks, found: Tracks) -> None:
-    assert_same(with_wide_baselines(clip.scene, followed, TRACKING, CONFIG), found)
+    assert_same(with_wide_baselines(clip.scene, followed, features(clip), TRACKING, CONFIG), found)
 
 
 def test_any_extractor_fits(clip: Clip, followed: Tracks) -> None:
     """One that knows the world: its descriptors are noise, the same wherever a point of the plane is seen."""
-    found = with_wide_baselines(clip.scene, followed, TRACKING, CONFIG, AllSeeing(clip))
+    found = with_wide_baselines(
+        clip.scene, followed, VideoFeatures.of(clip.scene, FEATURES, AllSeeing(clip)), TRACKING, CONFIG
+    )
     assert len(found) == found.tried[0].sum() > 50
     assert clip.errors_px(found).max() < 1e-6
 
@@ -115,7 +121,7 @@ class AllSeeing:
 
 
 def test_clearest_feature_of_each_cell_is_used(clip: Clip, followed: Tracks) -> None:
-    few = with_wide_baselines(clip.scene, followed, TRACKING, replace(CONFIG, max_features=20))
+    few = with_wide_baselines(clip.scene, followed, features(clip), TRACKING, replace(CONFIG, max_features=20))
     # The grid is of squares, so those at the border come on top.
     assert 15 <= few.tried[0].sum() <= 36
 
@@ -240,6 +246,6 @@ def test_visible_parts_decide(clip: Clip, followed: Tracks) -> None:
     key_frame = clip.scene.key_frames[0]
     element = replace(key_frame.elements[0], visible=half)
     scene: Scene = replace(clip.scene, key_frames=(replace(key_frame, elements=(element,)),))
-    found = with_wide_baselines(scene, followed, TRACKING, CONFIG)
+    found = with_wide_baselines(scene, followed, VideoFeatures.of(scene, FEATURES), TRACKING, CONFIG)
     assert len(found) > 20
     assert shapely.contains_xy(half, *found.points_px[found.frame == 2].T).all()

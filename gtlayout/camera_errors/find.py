@@ -14,31 +14,32 @@ import numpy as np
 from gtlayout.camera_errors.findings import CameraDoubt, Decision, Finding
 from gtlayout.camera_errors.fit import Fit, Problem, fit
 from gtlayout.camera_errors.models import corrected
+from gtlayout.camera_errors.observations import frames_seen
 from gtlayout.camera_errors.path import CameraPath
 from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.config import CameraErrorConfig, TriangulationConfig
+from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import TriangulatedTracks, camera_path, reprojection_px, triangulate
+from gtlayout.tracking.triangulation import camera_path, reprojection_px, triangulate
 
 
 def find_camera_errors(
-    scene: Scene,
-    tracks: Tracks,
-    rays: TriangulatedTracks,
-    config: CameraErrorConfig,
-    triangulation: TriangulationConfig,
-    seed: int,
+    scene: Scene, tracks: Tracks, config: CameraErrorConfig, triangulation: TriangulationConfig, seed: int
 ) -> CameraDoubt:
-    """Which errors the cameras of ``scene`` share; ``rays`` are its triangulated tracks. Deterministic in ``seed``.
+    """Which errors the cameras of ``scene`` share, by ``tracks``. Deterministic in ``seed``.
 
     The error that explains most is taken first, then what explains most of the rest. Each must be larger than what
     matters and than its σ, several times, and explain tracks that it was not found with.
     """
     order = np.random.default_rng(seed).permutation(len(tracks))[: config.max_tracks]
-    if len(order) < config.min_tracks or camera_path(scene) == 0.0 or rays.moved_share() < config.min_moved_share:
+    if len(order) < config.min_tracks or camera_path(scene) == 0.0:
+        return CameraDoubt()
+    rays = triangulate(scene, tracks, triangulation)
+    if rays.moved_share() < config.min_moved_share:
         return CameraDoubt()
     fitted, held_out = np.split(order, [round((1 - config.held_out_share) * len(order))])
-    problem, part = (Problem.of(scene, tracks, rays, chosen, config) for chosen in (order, fitted))
+    frames, local = frames_seen(scene, tracks, config.max_frames), Normalisation.of(rays)
+    problem, part = (Problem.of(scene, tracks, rays, chosen, config, frames, local) for chosen in (order, fitted))
     judge = _Judge(scene, tracks.only(np.isin(np.arange(len(tracks)), held_out)), triangulation)
     nothing = np.zeros(len(problem.priors))
     active: list[int] = []

@@ -45,11 +45,11 @@ class Problem:
         rays: TriangulatedTracks,
         chosen: IntArray,
         config: CameraErrorConfig,
-        keep_frames: bool = False,
+        frames: IntArray,
+        local: Normalisation,
     ) -> Self:
-        """The problem of the ``chosen`` tracks; for ``keep_frames`` see ``observe``."""
-        seen = observe(scene, tracks, chosen, config.max_frames, config.max_observations, keep_frames)
-        local = Normalisation.of(rays)
+        """The problem of the ``chosen`` tracks in (F,) sorted ``frames``, in the ``local`` world."""
+        seen = observe(scene, tracks, chosen, frames, config.max_observations)
         rho = local.rays(rays).rho[seen.tracks]
         return cls(CameraPath.of(scene, local), seen, rho, camera_errors(config), config)
 
@@ -121,10 +121,11 @@ def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
 
 
 def posterior(problem: Problem, prior_covariance: FloatArray) -> FloatArray:
-    """(D, D) covariance of the changes of all cameras, given the tracks: of all errors and of pose noise together.
+    """(D, D) second moment, given the tracks, of the changes that would correct all cameras.
 
-    At the given cameras, with (P, P) what is known of the errors' values without these tracks. The size of pose noise
-    is learned, as in ``fit``.
+    Of all errors and of pose noise together: what the tracks leave open of them, and what they say of the errors, which
+    is not corrected. At the given cameras, with (P, P) what is known of the errors' values without these tracks. The
+    size of pose noise is learned, as in ``fit``.
     """
     config, frames = problem.config, len(problem.seen.frames)
     count = len(problem.priors)
@@ -137,12 +138,13 @@ def posterior(problem: Problem, prior_covariance: FloatArray) -> FloatArray:
     least = noise_prior = problem.least_noise
     prior = np.zeros_like(information)
     prior[:count, :count] = np.linalg.inv(prior_covariance)
-    covariance = prior
+    covariance, mean = prior, np.zeros(len(prior))
     for _ in range(config.iterations * config.noise_steps):
         prior[count:, count:] = noise_prior.information()
         covariance = np.asarray(np.linalg.inv(information + prior), np.float64)
-        noise = -(covariance @ gradient)[count:]
-        noise_prior = noise_prior.learned(noise, covariance[count:, count:], least)
+        mean = -(covariance @ gradient)
+        noise_prior = noise_prior.learned(mean[count:], covariance[count:, count:], least)
+    covariance[:count, :count] += np.outer(mean[:count], mean[:count])
     return directions @ covariance @ directions.T
 
 

@@ -37,24 +37,19 @@ class Observations:
         return np.searchsorted(self.track, np.arange(len(self.tracks)))
 
 
-def observe(
-    scene: Scene,
-    tracks: Tracks,
-    chosen: IntArray,
-    max_frames: int,
-    max_observations: int,
-    keep_frames: bool = False,
-) -> Observations:
-    """Positions of the ``chosen`` tracks in at most ``max_frames`` frames spread over the video, and in key frames.
+def frames_seen(scene: Scene, tracks: Tracks, most: int) -> IntArray:
+    """At most ``most`` of the frames in which ``tracks`` were seen, spread over them, and all key frames, sorted."""
+    seen = np.unique(tracks.frame)
+    spread = seen[np.linspace(0, len(seen) - 1, min(most, len(seen))).round().astype(np.int64)]
+    return np.union1d(spread, [key_frame.frame for key_frame in scene.key_frames]).astype(np.int64)
 
-    Of each track at most ``max_observations``, spread over it. Tracks without any are left out; so are frames, but for
-    ``keep_frames``.
+
+def observe(scene: Scene, tracks: Tracks, chosen: IntArray, frames: IntArray, max_observations: int) -> Observations:
+    """Positions of the ``chosen`` tracks in (F,) sorted ``frames``, all key frames among them.
+
+    Of each track at most ``max_observations``, spread over it. Tracks without any are left out.
     """
-    count = len(scene.frames)
-    key_frames = np.array([key_frame.frame for key_frame in scene.key_frames])
-    spread = np.linspace(0, count - 1, min(max_frames, count)).round().astype(np.int64)
-    frames = np.union1d(spread, key_frames)
-    at_key = key_frames[tracks.key_frame]
+    at_key = np.array([key_frame.frame for key_frame in scene.key_frames])[tracks.key_frame]
     is_key = tracks.frame == at_key[tracks.track]
     key_px = np.empty((len(tracks), 2))
     key_px[tracks.track[is_key]] = tracks.points_px[is_key]
@@ -62,13 +57,12 @@ def observe(
     index = np.flatnonzero(candidates)
     index = index[evenly_spread(tracks.track[index], max_observations)]
     seen, track = np.unique(tracks.track[index], return_inverse=True)
-    used = frames if keep_frames else np.union1d(tracks.frame[index], at_key[seen])
     return Observations(
         tracks=seen,
         track=track,
-        frames=used,
-        frame=np.searchsorted(used, tracks.frame[index]),
-        key_frame=np.searchsorted(used, at_key[seen][track]),
+        frames=frames,
+        frame=np.searchsorted(frames, tracks.frame[index]),
+        key_frame=np.searchsorted(frames, at_key[seen][track]),
         key_px=key_px[seen][track],
         points_px=tracks.points_px[index],
         sigma_px=tracks.sigma_px[seen][track],

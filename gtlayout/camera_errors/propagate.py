@@ -8,32 +8,38 @@ from scipy.linalg import block_diag
 from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.camera_errors.fit import Problem, posterior
+from gtlayout.camera_errors.observations import frames_seen
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
 from gtlayout.scene import FloatArray, Scene
-from gtlayout.tracking.config import CameraErrorConfig
+from gtlayout.tracking.config import CameraErrorConfig, TriangulationConfig
 from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import TriangulatedTracks
+from gtlayout.tracking.triangulation import TriangulatedTracks, triangulate
 
 
 def camera_response(
     scene: Scene,
+    evidence: Tracks,
     tracks: Tracks,
     rays: TriangulatedTracks,
     doubt: CameraDoubt,
+    triangulation: TriangulationConfig,
     config: CameraErrorConfig,
     seed: int,
 ) -> CameraResponse:
     """The strongest ``config.response_directions`` directions of what remains unknown of the cameras of ``scene``.
 
-    Errors that all cameras share and those of single poses are unknowns together, with priors; what the tracks leave
-    open of them is propagated to the depths of all tracks. ``doubt`` is what was found out about the shared ones of
-    ``scene``, corrected where it says so. Deterministic in ``seed``.
+    Errors that all cameras share and those of single poses are unknowns together, with priors; what ``evidence``, the
+    tracks that cameras are judged by, leaves open of them is propagated to the depths of all ``tracks``, whose ``rays``
+    are triangulated. ``doubt`` is what was found out about the shared ones of ``scene``, corrected where it says so.
+    Deterministic in ``seed``.
     """
-    order = np.random.default_rng(seed).permutation(len(tracks))[: config.max_tracks]
+    order = np.random.default_rng(seed).permutation(len(evidence))[: config.max_tracks]
     if not doubt.findings or len(order) < config.min_tracks:
         return CameraResponse.none(len(tracks), len(scene.key_frames))
-    problem = Problem.of(scene, tracks, rays, order, config, keep_frames=True)
+    local = Normalisation.of(rays)
+    frames = np.union1d(*(frames_seen(scene, some, config.max_frames) for some in (evidence, tracks)))
+    problem = Problem.of(scene, evidence, triangulate(scene, evidence, triangulation), order, config, frames, local)
     covariance = posterior(problem, remaining(doubt, config))
     values, vectors = np.linalg.eigh(covariance)
     # (D, D) changes of the cameras by independent errors of one σ each.
@@ -42,14 +48,14 @@ def camera_response(
     some = _depth_shares(problem, changes)
     strength, directions = np.linalg.eigh(some.T @ some)
     strongest = changes @ directions[:, np.argsort(-strength, kind="stable")[: config.response_directions]]
-    every = Problem.of(scene, tracks, rays, np.arange(len(tracks)), config, keep_frames=True)
+    every = Problem.of(scene, tracks, rays, np.arange(len(tracks)), config, frames, local)
     rho_share = np.zeros((len(tracks), strongest.shape[1]))
     rho_share[every.seen.tracks] = _depth_shares(every, strongest)
     of_cameras = strongest.reshape(-1, DIMENSIONS, strongest.shape[1])
     at_key = np.searchsorted(problem.seen.frames, [key_frame.frame for key_frame in scene.key_frames])
     R = np.array([scene.frame_of(k).camera.R_cam_from_world for k in range(len(scene.key_frames))])
     turn = -np.einsum("kji,kjq->kqi", R, of_cameras[at_key, :3])
-    center = of_cameras[at_key, 3:6].transpose(0, 2, 1) / Normalisation.of(rays).scale
+    center = of_cameras[at_key, 3:6].transpose(0, 2, 1) / local.scale
     return CameraResponse(rho_share, center, turn)
 
 

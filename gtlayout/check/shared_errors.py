@@ -10,9 +10,16 @@ from gtlayout.camera_errors.find import find_camera_errors
 from gtlayout.camera_errors.wording import camera_error_lines
 from gtlayout.check.images import Matches
 from gtlayout.scene import KeyFrame, Scene
-from gtlayout.tracking.config import CameraErrorConfig, TrackingConfig, TriangulationConfig
+from gtlayout.tracking.config import (
+    CameraErrorConfig,
+    FeatureConfig,
+    ImageMatchConfig,
+    TrackingConfig,
+    TriangulationConfig,
+)
+from gtlayout.tracking.features import VideoFeatures
+from gtlayout.tracking.image_matches import camera_evidence
 from gtlayout.tracking.tracks import Tracks
-from gtlayout.tracking.triangulation import triangulate
 
 
 def shared_error_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
@@ -20,9 +27,9 @@ def shared_error_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
     sources = sorted({m.source for m in matches})
     sampled = replace(scene, key_frames=tuple(KeyFrame(frame, ()) for frame in sources))
     tracks = _tracks(matches, sources)
-    triangulation = TriangulationConfig()
-    rays = triangulate(sampled, tracks, triangulation)
-    doubt = find_camera_errors(sampled, tracks, rays, CameraErrorConfig(), triangulation, seed=0)
+    features = VideoFeatures.of(sampled, FeatureConfig())
+    evidence = camera_evidence(sampled, features, tracks, TrackingConfig().sigma_px, ImageMatchConfig())
+    doubt = find_camera_errors(sampled, evidence, CameraErrorConfig(), TriangulationConfig(), seed=0)
     return [line.split(";")[0] for line in camera_error_lines(scene, doubt)]
 
 

@@ -50,19 +50,49 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True)
+class FeatureConfig:
+    """SIFT features of some frames, in stage 1."""
+
+    contrast: float = 0.01
+    """Least contrast of a feature, in OpenCV's unit. Its default, 0.04, leaves hardly any on a plain wall."""
+    max_side_px: int = 640
+    """Larger images are shrunk to this side."""
+    sigma_px: float = 0.3
+    """σ of the place of a feature in the image that SIFT sees."""
+    spread_frames: int = 20
+    """Frames, evenly spread over the video, in which features are looked for. Key frames come on top."""
+
+
+@dataclass(frozen=True)
+class ImageMatchConfig:
+    """Features matched without the cameras, by which cameras are judged."""
+
+    max_features: int = 1200
+    """Features of an image that take part, spread over it, the clearest."""
+    max_frames: int = 24
+    """Of all frames with features, the nearest so many are compared with a key frame."""
+    max_ratio: float = 0.8
+    """Largest distance of a match's descriptor, as a share of that of the second candidate (Lowe 2004)."""
+    tolerance_sigmas: float = 3.0
+    """Largest distance from the epipolar line that the matches themselves agree on, in σ of a feature."""
+    iterations: int = 1000
+    """Most samples of MAGSAC++ (Barath et al. 2020), which finds the matches that agree."""
+    min_matches: int = 12
+    """With fewer that agree, two images count as not matched."""
+    min_share: float = 0.3
+    """The same for their share of all matches."""
+    max_tracks: int = 300
+    """Most tracks from one key frame: the longest of each cell of a grid over the image."""
+    enough_tracks: int = 200
+    """From so many tracks on, cameras are judged by them alone; with fewer by the followed points as well."""
+
+
+@dataclass(frozen=True)
 class WideBaselineConfig:
     """Features that are found again in far frames, at the end of stage 1."""
 
-    contrast: float = 0.01
-    """Least contrast of a SIFT feature, in OpenCV's unit. Its default, 0.04, leaves hardly any on a plain wall."""
-    max_side_px: int = 640
-    """Larger images are shrunk to this side for SIFT."""
-    feature_sigma_px: float = 0.3
-    """σ of the place of a feature in the image that SIFT sees."""
     max_features: int = 400
     """Most features of an element in a key frame, one in each cell of a grid, the clearest."""
-    spread_frames: int = 20
-    """Frames, evenly spread over the video, in which features are looked for. Key frames come on top."""
     max_frames: int = 30
     """Of all these frames, the nearest so many are compared with a key frame."""
     nearest_paths: float = 0.05

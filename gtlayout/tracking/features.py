@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from gtlayout.scene import FloatArray, ImageArray, IntArray
+from gtlayout.errors import GtlayoutError
+from gtlayout.io.pixels.images import read_gray
+from gtlayout.scene import FloatArray, ImageArray, IntArray, Scene
+from gtlayout.tracking.config import FeatureConfig
 
 _DESCRIPTOR = 128
 """Numbers of a SIFT descriptor."""
@@ -29,6 +33,10 @@ class Features:
     def __len__(self) -> int:
         return len(self.points_px)
 
+    def only(self, kept: IntArray) -> Features:
+        """The features with indices ``kept``, in that order."""
+        return Features(self.points_px[kept], self.descriptors[kept], self.sigma_px)
+
 
 class FeatureExtractor(Protocol):
     """Finds the features of an image. SIFT below; learned ones fit as well."""
@@ -36,6 +44,36 @@ class FeatureExtractor(Protocol):
     def __call__(self, image: ImageArray) -> Features:
         """The features of a grey image, (H, W), the clearest first."""
         ...
+
+
+@dataclass(frozen=True)
+class VideoFeatures:
+    """The features of some frames of a video."""
+
+    of_frame: Mapping[int, Features]
+    """By the number of the frame, ascending."""
+    unreadable: tuple[str, ...] = ()
+    """Names of the images that could not be read."""
+
+    @classmethod
+    def of(cls, scene: Scene, config: FeatureConfig, extractor: FeatureExtractor | None = None) -> Self:
+        """Those of all key frames, and of ``config.spread_frames`` frames spread evenly over the video."""
+        extractor = extractor or SiftExtractor(config.contrast, config.max_side_px, config.sigma_px)
+        spread = np.linspace(0, len(scene.frames) - 1, config.spread_frames).round().astype(np.int64)
+        frames = np.union1d([key_frame.frame for key_frame in scene.key_frames], spread).astype(np.int64)
+        of_frame, unreadable = {}, []
+        for f in frames.tolist():
+            try:
+                image = read_gray(scene.frames[f])
+            except GtlayoutError:
+                unreadable.append(scene.frames[f].name)
+                continue
+            of_frame[f] = extractor(image)
+        return cls(of_frame, tuple(unreadable))
+
+    def nearest(self, key: int, most: int) -> list[int]:
+        """The ``most`` frames with features that are nearest to frame ``key`` in time, without it, ascending."""
+        return sorted(sorted((f for f in self.of_frame if f != key), key=lambda f: (abs(f - key), f))[:most])
 
 
 @dataclass(frozen=True)

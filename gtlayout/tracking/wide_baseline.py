@@ -6,18 +6,16 @@ little parallax. A feature is found again over any distance, because the cameras
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from shapely import contains_xy
 
-from gtlayout.errors import GtlayoutError
-from gtlayout.io.pixels.images import read_gray
 from gtlayout.scene import Element, FloatArray, IntArray, Scene
 from gtlayout.tracking.config import TrackingConfig, WideBaselineConfig
 from gtlayout.tracking.epipolar import EpipolarMatcher
-from gtlayout.tracking.features import FeatureExtractor, Features, SiftExtractor
+from gtlayout.tracking.features import Features, VideoFeatures
 from gtlayout.tracking.tracks import Tracks, joined
 from gtlayout.tracking.triangulation import camera_path
 
@@ -27,11 +25,11 @@ _NO_MATCH = -1
 def with_wide_baselines(
     scene: Scene,
     tracks: Tracks,
+    features: VideoFeatures,
     tracking: TrackingConfig,
     config: WideBaselineConfig,
-    extractor: FeatureExtractor | None = None,
 ) -> Tracks:
-    """The ``tracks`` with those of features found again in far frames, which replace the others of their element.
+    """The ``tracks`` with those of ``features`` found again in far frames, which replace the others of their element.
 
     An element with fewer than ``config.min_tracks`` of them keeps the tracks that it has. Nothing changes where the
     camera does not move.
@@ -39,8 +37,7 @@ def with_wide_baselines(
     path = camera_path(scene)
     if path == 0.0:
         return tracks
-    extractor = extractor or SiftExtractor(config.contrast, config.max_side_px, config.feature_sigma_px)
-    wide = _found_again(scene, path, tracking, config, extractor)
+    wide = _found_again(scene, path, features, tracking, config)
     replaced = [count >= config.min_tracks for count in wide.per_element()]
     tried = tuple(
         np.where(chosen, ours, theirs) for chosen, ours, theirs in zip(replaced, wide.tried, tracks.tried, strict=True)
@@ -52,14 +49,11 @@ def with_wide_baselines(
 
 
 def _found_again(
-    scene: Scene, path: float, tracking: TrackingConfig, config: WideBaselineConfig, extractor: FeatureExtractor
+    scene: Scene, path: float, found: VideoFeatures, tracking: TrackingConfig, config: WideBaselineConfig
 ) -> Tracks:
     """Tracks of the features on all elements."""
     matcher = EpipolarMatcher(config.nearest_paths * path, config.tolerance_sigmas, config.max_ratio)
-    keys = [key_frame.frame for key_frame in scene.key_frames]
-    spread = np.linspace(0, len(scene.frames) - 1, config.spread_frames).round().astype(np.int64)
-    frames = np.unique(np.concatenate([keys, spread]))
-    features, unreadable = _features(scene, frames, extractor)
+    keys, features = [key_frame.frame for key_frame in scene.key_frames], found.of_frame
     key_frame, element, sigma, tried, observed = [], [], [], [], []
     for k, key in enumerate(keys):
         elements = scene.key_frames[k].elements
@@ -68,9 +62,8 @@ def _found_again(
             continue
         own, on_element = _on_elements(features[key], elements, config.max_features)
         tried.append(np.bincount(on_element, minlength=len(elements)))
-        near = sorted((f for f in features if f != key), key=lambda f: (abs(f - key), f))[: config.max_frames]
         sigma_px = float(np.hypot(tracking.sigma_px, features[key].sigma_px))
-        matched = _matches(scene, matcher, features, key, own, sorted(near), sigma_px)
+        matched = _matches(scene, matcher, features, key, own, found.nearest(key, config.max_frames), sigma_px)
         for row, of_element in enumerate(on_element):
             seen = _agreeing(scene, key, features[key].points_px[own[row]], matched[row], sigma_px, config)
             if len(seen.frame) + 1 < tracking.min_observations:
@@ -79,22 +72,7 @@ def _found_again(
             element.append(of_element)
             sigma.append(sigma_px)
             observed.append(seen.with_key(key, features[key].points_px[own[row]]))
-    return _tracks(key_frame, element, sigma, observed, tuple(tried), unreadable)
-
-
-def _features(
-    scene: Scene, frames: IntArray, extractor: FeatureExtractor
-) -> tuple[dict[int, Features], tuple[str, ...]]:
-    """Of each of ``frames`` that can be read, in order, and the names of the others."""
-    features, unreadable = {}, []
-    for f in frames.tolist():
-        try:
-            image = read_gray(scene.frames[f])
-        except GtlayoutError:
-            unreadable.append(scene.frames[f].name)
-            continue
-        features[f] = extractor(image)
-    return features, tuple(unreadable)
+    return _tracks(key_frame, element, sigma, observed, tuple(tried), found.unreadable)
 
 
 def _on_elements(features: Features, elements: Sequence[Element], most: int) -> tuple[IntArray, IntArray]:
@@ -138,7 +116,7 @@ class _Seen:
 def _matches(
     scene: Scene,
     matcher: EpipolarMatcher,
-    features: dict[int, Features],
+    features: Mapping[int, Features],
     key: int,
     own: IntArray,
     frames: Sequence[int],
