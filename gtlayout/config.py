@@ -41,8 +41,8 @@ class Config:
     quality: QualityConfig = field(default_factory=QualityConfig)
     seed: int = 0
     """Seed of all random numbers. The same seed gives the same bytes on one kind of processor."""
-    refine_cameras: bool = False
-    """Whether to refine the camera poses with the tracks before stage 2."""
+    refine_cameras: bool = True
+    """Whether to refine the camera poses, where that proves itself, before stage 2."""
     restarts: int = 1
     """Number of solves, of which the one with the best reprojection IoU is kept (paper 3.5: 100)."""
     restart_share: float = 0.8

@@ -195,7 +195,7 @@ def test_the_command_refines_writes_and_evaluates(
     true = load_scene(folder)
     (folder / "transforms.json").write_text(refined_cameras_text(jittered(true, 0.2, 0.01)))
     given = load_scene(folder)
-    assert main(["solve", str(folder), "--out", str(out), "--refine-cameras", "--rerun", "save"]) == 0
+    assert main(["solve", str(folder), "--out", str(out), "--rerun", "save"]) == 0
     assert (out / "log.rrd").exists()
     assert "cameras refined: median 0." in capsys.readouterr().out
     assert json.loads((out / "config.json").read_text())["config"]["refine_cameras"] is True

@@ -12,7 +12,7 @@ from test_tracking import Clip, camera_at, make_clip
 from gtlayout.scene import IntArray
 from gtlayout.tracking.config import FeatureConfig, ImageMatchConfig, TrackingConfig
 from gtlayout.tracking.features import Features, VideoFeatures
-from gtlayout.tracking.image_matches import _matched, _most_alike, _spread, camera_evidence, match_images
+from gtlayout.tracking.image_matches import _Image, _matched, _most_alike, _spread, camera_evidence, match_images
 from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks
 
@@ -75,11 +75,12 @@ def test_images_that_do_not_agree_on_a_geometry_are_not_matched() -> None:
     descriptors = rng.normal(size=(60, 32)).astype(np.float32)
     descriptors /= np.linalg.norm(descriptors, axis=1, keepdims=True)
     a, b = (Features(rng.uniform(0, 300, (60, 2)), descriptors, 0.3) for _ in range(2))
-    assert len(_most_alike(a, b, CONFIG.max_ratio)[0]) == 60, "alike they are"
-    assert len(_matched(a, b, CONFIG)[0]) == 0
-    assert len(_matched(a, replace(b, points_px=a.points_px + np.array([3.0, 1.0])), CONFIG)[0]) == 60
+    assert len(_most_alike(_Image.of(a), _Image.of(b), CONFIG.max_ratio)[0]) == 60, "alike they are"
+    assert len(_matched(_Image.of(a), _Image.of(b), CONFIG)[0]) == 0
+    moved = replace(b, points_px=a.points_px + np.array([3.0, 1.0]))
+    assert len(_matched(_Image.of(a), _Image.of(moved), CONFIG)[0]) == 60
     few = np.arange(CONFIG.min_matches - 1)
-    assert len(_matched(a.only(few), a.only(few), CONFIG)[0]) == 0
+    assert len(_matched(_Image.of(a.only(few)), _Image.of(a.only(few)), CONFIG)[0]) == 0
 
 
 def test_what_has_a_second_match_or_a_better_one_is_left_out() -> None:
@@ -87,7 +88,7 @@ def test_what_has_a_second_match_or_a_better_one_is_left_out() -> None:
     mix = np.array([[0.8, 0.6, 0.0, 0.0]], dtype=np.float32)
     a = Features(np.zeros((3, 2)), np.concatenate([eye[:2], mix]), 0.3)
     b = Features(np.zeros((3, 2)), eye[[1, 0, 0]], 0.3)
-    mine, theirs = _most_alike(a, b, 0.8)
+    mine, theirs = _most_alike(_Image.of(a), _Image.of(b), 0.8)
     # Feature 0 is twice in b; the mixture is most like it, too, but like feature 1 alone nothing else is.
     assert (mine.tolist(), theirs.tolist()) == ([1], [0])
 
@@ -106,8 +107,8 @@ def test_few_features_are_no_evidence_by_themselves(clip: Clip, features: VideoF
     followed = track(clip.scene, TrackingConfig(), seed=0)
     alone = camera_evidence(clip.scene, features, followed, SIGMA_PX, replace(CONFIG, enough_tracks=len(matched)))
     both = camera_evidence(clip.scene, features, followed, SIGMA_PX, replace(CONFIG, enough_tracks=len(matched) + 1))
-    assert len(alone) == len(matched)
-    assert len(both) == len(matched) + len(followed)
+    assert len(alone.judges) == len(matched)
+    assert len(both.judges) == len(both.every) == len(alone.every) == len(matched) + len(followed)
 
 
 def test_without_features_nothing_is_matched(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ class Settings:
     """The part of the configuration that a run can choose. All other settings have their defaults."""
 
     seed: int = 0
-    refine_cameras: bool = False
+    refine_cameras: bool = True
     restarts: int = 1
 
     def with_program(self, program: str) -> str:

@@ -29,7 +29,7 @@ def shared_error_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
     tracks = _tracks(matches, sources)
     features = VideoFeatures.of(sampled, FeatureConfig())
     evidence = camera_evidence(sampled, features, tracks, TrackingConfig().sigma_px, ImageMatchConfig())
-    doubt = find_camera_errors(sampled, evidence, CameraErrorConfig(), TriangulationConfig(), seed=0)
+    doubt = find_camera_errors(sampled, evidence.judges, CameraErrorConfig(), TriangulationConfig(), seed=0)
     return [line.split(";")[0] for line in camera_error_lines(scene, doubt)]
 
 

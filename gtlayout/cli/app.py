@@ -38,7 +38,7 @@ def solve(
     *,
     out: Path | None = None,
     raft_weights: Path | None = None,
-    refine_cameras: Annotated[bool, Parameter(negative=())] = False,
+    refine_cameras: bool = True,
     rerun: RerunMode = "off",
     restarts: Positive = 1,
     seed: NotNegative = 0,
@@ -60,8 +60,8 @@ def solve(
         Follow points with RAFT's dense flow instead of Lucas-Kanade: file with the weights of torchvision's raft_small.
         Needs pip install 'gtlayout[raft]'.
     refine_cameras
-        For poor poses: adjust the cameras to the tracked points first. The result is kept only if it is better on
-        points that were left out.
+        Adjust the camera poses first to what is seen in the images. The result is kept only if it is clearly better on
+        points that were left out; --no-refine-cameras keeps the given poses in any case.
     rerun
         Log each stage for the rerun viewer: save log.rrd beside the results, spawn a viewer, or connect to one.
     restarts
@@ -93,7 +93,7 @@ def solve(
         console.print(reason, style="yellow")
     for dimension in dimensions(solution.layout):
         console.print(dimension)
-    if solution.cameras is not None:
+    if solution.cameras is not None and (solution.cameras.refined or verbose):
         console.print(camera_line(solution.cameras, scene.metric))
     print_warnings(console, solution.scene.warnings, verbose)
     if verbose:

@@ -33,7 +33,7 @@ def batch(
     workers: Positive | None = None,
     memory_limit: str | None = None,
     timeout: Annotated[float, Parameter(validator=Number(gt=0, lte=threading.TIMEOUT_MAX))] = TIMEOUT_S,
-    refine_cameras: Annotated[bool, Parameter(negative=())] = False,
+    refine_cameras: bool = True,
     restarts: Positive = 1,
     seed: NotNegative = 0,
 ) -> int:

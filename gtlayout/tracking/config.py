@@ -179,7 +179,7 @@ class CameraErrorConfig:
     """Turn of all cameras about their optical axes."""
     heading_deg: ErrorScale = ErrorScale(prior=5.0, floor=0.2, matters=0.7)
     """Turn of the heading over the video, about each axis."""
-    scale_log: ErrorScale = ErrorScale(prior=0.5, floor=0.05, matters=0.15)
+    scale_log: ErrorScale = ErrorScale(prior=0.5, floor=0.04, matters=0.15)
     """Logarithm of the factor between steps at the end and at the start of the video."""
     delay_frames: ErrorScale = ErrorScale(prior=3.0, floor=0.1, matters=0.7)
     """Frames that poses are late. Poses half a frame off have less noise of their own, which looks like a delay."""
@@ -193,9 +193,9 @@ class CameraErrorConfig:
     """With fewer nothing is looked for."""
     min_moved_share: float = 0.2
     """Least share of tracks with parallax. Below it the camera hardly moves, and nothing is looked for."""
-    least_smooth: tuple[float, float] = (0.05, 0.005)
+    least_smooth: tuple[float, float] = (0.02, 0.002)
     """Least σ of poses' errors that are smooth along the video: rotation, degrees, and position. More is learned."""
-    least_white: tuple[float, float] = (0.02, 0.002)
+    least_white: tuple[float, float] = (0.008, 0.0008)
     """The same of errors that are independent from frame to frame."""
     correlated_frames: float = 8.0
     """Length of the smooth errors' correlation."""
@@ -208,7 +208,7 @@ class CameraErrorConfig:
     """Gauss-Newton iterations of each fit."""
     noise_steps: int = 3
     """Steps of learning the size of poses' errors in each of them."""
-    confidence_factor: float = 2.0
+    confidence_factor: float = 1.5
     """Factor on σ of what is found. Errors found in 60 synthetic rooms whose cameras have none had 2 σ (RMS)."""
     min_sigmas: float = 3.0
     """An error counts from so many σ on."""

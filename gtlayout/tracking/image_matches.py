@@ -7,9 +7,12 @@ images are matched without their cameras, furniture and all: only what their own
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
 from gtlayout.tracking.config import ImageMatchConfig
@@ -21,12 +24,26 @@ _STEPS = 255
 single precision adds without rounding, in any order, on every processor."""
 
 
+@dataclass(frozen=True)
+class CameraEvidence:
+    """What is known of the cameras besides their poses."""
+
+    judges: Tracks
+    """Do not depend on the cameras, and have hardly any error of their own in common."""
+    every: Tracks
+    """In all frames in which anything was seen."""
+
+
 def camera_evidence(
     scene: Scene, found: VideoFeatures, followed: Tracks, sigma_px: float, config: ImageMatchConfig
-) -> Tracks:
-    """The tracks that cameras are judged by: matched features; where these are few, the ``followed`` points as well."""
+) -> CameraEvidence:
+    """The tracks that cameras are judged by, and those that they may be refined with.
+
+    The first are matched features, if these are enough, else all. The second are all: features and ``followed`` points.
+    """
     matched = match_images(scene, found, sigma_px, config)
-    return matched if len(matched) >= config.enough_tracks else joined((matched, followed), ())
+    every = joined((matched, followed), ())
+    return CameraEvidence(matched if len(matched) >= config.enough_tracks else every, every)
 
 
 def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: ImageMatchConfig) -> Tracks:
@@ -35,7 +52,7 @@ def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: Im
     ``sigma_px`` is the noise of their positions besides that of the features themselves.
     """
     images = {
-        f: features.only(_spread(features, _size(scene, f), config.max_features))
+        f: _Image.of(features.only(_spread(features, _size(scene, f), config.max_features)))
         for f, features in found.of_frame.items()
     }
     pairs: dict[tuple[int, int], tuple[IntArray, IntArray]] = {}
@@ -43,7 +60,7 @@ def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: Im
     for k, key in enumerate(key_frame.frame for key_frame in scene.key_frames):
         if key not in images:
             continue
-        own = images[key]
+        own = images[key].features
         seen: dict[int, list[tuple[int, FloatArray]]] = defaultdict(list)
         for f in found.nearest(key, config.max_frames):
             first, second = min(key, f), max(key, f)
@@ -51,7 +68,7 @@ def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: Im
                 pairs[first, second] = _matched(images[first], images[second], config)
             of_first, of_second = pairs[first, second]
             mine, theirs = (of_first, of_second) if key == first else (of_second, of_first)
-            for row, point_px in zip(mine.tolist(), images[f].points_px[theirs], strict=True):
+            for row, point_px in zip(mine.tolist(), images[f].features.points_px[theirs], strict=True):
                 seen[row].append((f, point_px))
         for row in _longest(own, seen, _size(scene, key), config.max_tracks):
             key_frame.append(k)
@@ -90,12 +107,29 @@ def _spread(features: Features, size: tuple[int, int], most: int) -> IntArray:
     return np.sort(np.argsort(rank, kind="stable")[:most])
 
 
-def _matched(a: Features, b: Features, config: ImageMatchConfig) -> tuple[IntArray, IntArray]:
+@dataclass(frozen=True)
+class _Image:
+    """The features of an image, ready to be compared."""
+
+    features: Features
+    steps: npt.NDArray[np.float32]
+    """(N, D) descriptors in whole steps."""
+    squared: npt.NDArray[np.float32]
+    """(N,) their squared lengths."""
+
+    @classmethod
+    def of(cls, features: Features) -> Self:
+        steps = np.round(_STEPS * features.descriptors)
+        return cls(features, steps, np.sum(steps * steps, axis=1))
+
+
+def _matched(first: _Image, second: _Image, config: ImageMatchConfig) -> tuple[IntArray, IntArray]:
     """(n,) features of one image and (n,) those of another that they are."""
     nothing = np.empty(0, dtype=np.int64)
+    a, b = first.features, second.features
     if min(len(a), len(b)) < config.min_matches:
         return nothing, nothing
-    of_a, of_b = _most_alike(a, b, config.max_ratio)
+    of_a, of_b = _most_alike(first, second, config.max_ratio)
     if len(of_a) < config.min_matches:
         return nothing, nothing
     tolerance_px = config.tolerance_sigmas * max(a.sigma_px, b.sigma_px)
@@ -108,18 +142,17 @@ def _matched(a: Features, b: Features, config: ImageMatchConfig) -> tuple[IntArr
     return of_a[kept], of_b[kept]
 
 
-def _most_alike(a: Features, b: Features, max_ratio: float) -> tuple[IntArray, IntArray]:
+def _most_alike(a: _Image, b: _Image, max_ratio: float) -> tuple[IntArray, IntArray]:
     """(n,) features of one image and (n,) of another of which each is the most alike to the other, clearly so."""
-    in_steps = [np.round(_STEPS * features.descriptors) for features in (a, b)]
-    squares = [np.sum(steps.astype(np.float64) ** 2, axis=1) for steps in in_steps]
-    squared = squares[0][:, None] + squares[1] - 2.0 * (in_steps[0] @ in_steps[1].T)
+    squared = a.squared[:, None] + b.squared - 2 * (a.steps @ b.steps.T)
+    every = np.arange(len(squared))
     partner = np.argmin(squared, axis=1)
-    rows = np.arange(len(a))
-    least = squared[rows, partner]
-    mutual = np.argmin(squared, axis=0)[partner] == rows
-    squared[rows, partner] = np.inf
-    found = mutual & (least < max_ratio**2 * squared.min(axis=1))
-    return rows[found], partner[found]
+    least = squared[every, partner]
+    squared[every, partner] = np.inf
+    rows = np.flatnonzero(least < max_ratio**2 * squared.min(axis=1))
+    squared[every, partner] = least
+    mutual = np.argmin(squared[:, partner[rows]], axis=0) == rows
+    return rows[mutual], partner[rows[mutual]]
 
 
 def _longest(
