@@ -84,7 +84,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
         evidence = camera_evidence(scene, features, tracks, config.tracking.sigma_px, config.image_matches)
         doubt = find_camera_errors(scene, evidence.judges, config.camera_errors, config.triangulation, config.seed)
         wrong = camera_error_lines(scene, doubt)
-        scene = doubt.correct(scene)
+        given = scene = doubt.correct(scene)
         if config.refine_cameras:
             rays = triangulate(scene, evidence.every, config.triangulation)
             scene, cameras = refine_cameras(
@@ -97,7 +97,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
         rays = triangulate(scene, tracks, config.triangulation)
     with stage("cameras"):
         response = camera_response(
-            scene, evidence.judges, tracks, rays, doubt, config.triangulation, config.camera_errors, config.seed
+            given, scene, evidence.judges, tracks, rays, doubt, config.triangulation, config.camera_errors, config.seed
         )
     stage.observer.tracks(form.given_tracks(tracks))
     if doubt.corrected or (cameras is not None and cameras.refined):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -59,6 +59,12 @@ class Problem:
         return np.concatenate([np.full(error.size, error.scale.prior) for error in self.errors])
 
     @property
+    def first_noise(self) -> PoseNoise:
+        """Pose noise to start from: that of poor cameras. From above its size is found in fewer steps."""
+        least, factor = self.least_noise, self.config.first_noise**2
+        return replace(least, smooth=factor * least.smooth, white=factor * least.white)
+
+    @property
     def least_noise(self) -> PoseNoise:
         """Pose noise that good cameras have."""
         config = self.config
@@ -96,7 +102,7 @@ def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
     noise explains as well is no evidence for an error.
     """
     seen, config = problem.seen, problem.config
-    least = noise_prior = problem.least_noise
+    least, noise_prior = problem.least_noise, problem.first_noise
     values, rho, noise = start.copy(), problem.rho, np.zeros(6 * len(seen.frames))
     by_noise = noise_directions(len(seen.frames))
     for _ in range(config.iterations):
@@ -120,32 +126,55 @@ def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
     return _without_noise(system, by_values, by_noise, values, noise, noise_prior, problem.priors)
 
 
-def posterior(problem: Problem, prior_covariance: FloatArray) -> FloatArray:
-    """(D, D) second moment, given the tracks, of the changes that would correct all cameras.
+def pose_noise(problem: Problem, prior_covariance: FloatArray) -> PoseNoise:
+    """The size of the noise of the problem's poses, learned as in ``fit``.
+
+    With the (P, P) covariance of what is known of the errors' values without these tracks.
+    """
+    config, count = problem.config, len(problem.priors)
+    information, gradient, _ = _without_depths(problem)
+    noise = problem.first_noise
+    for _ in range(config.response_steps):
+        covariance, mean = _with_priors(information, gradient, prior_covariance, noise)
+        noise = noise.learned(mean[count:], covariance[count:, count:], problem.least_noise)
+    return noise
+
+
+def posterior(problem: Problem, prior_covariance: FloatArray, noise: PoseNoise) -> FloatArray:
+    """(D, D) second moment, given the tracks, of the changes that would correct the problem's cameras.
 
     Of all errors and of pose noise together: what the tracks leave open of them, and what they say of the errors, which
-    is not corrected. At the given cameras, with (P, P) what is known of the errors' values without these tracks. The
-    size of pose noise is learned, as in ``fit``.
+    is not corrected. With the (P, P) covariance of what is known of the errors' values without these tracks, and the
+    size of the noise that the poses came with.
     """
-    config, frames = problem.config, len(problem.seen.frames)
     count = len(problem.priors)
-    system, by_values = _linearised(problem, np.zeros(count), np.zeros(6 * frames), problem.rho)
+    information, gradient, directions = _without_depths(problem)
+    moment, mean = _with_priors(information, gradient, prior_covariance, noise)
+    moment[:count, :count] += np.outer(mean[:count], mean[:count])
+    return directions @ moment @ directions.T
+
+
+def _without_depths(problem: Problem) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """At the problem's cameras: information and gradient by all errors and pose noise, and what these change."""
+    frames = len(problem.seen.frames)
+    system, by_values = _linearised(problem, np.zeros(len(problem.priors)), np.zeros(6 * frames), problem.rho)
     directions = np.hstack([by_values, noise_directions(frames)])
     # Where σ of what is found must be larger by a factor, its information is less by the square of it.
-    honest = config.confidence_factor**-2
+    honest = problem.config.confidence_factor**-2
     information = honest * directions.T @ system.information @ directions
-    gradient = honest * directions.T @ system.scores.sum(axis=0)
-    least = noise_prior = problem.least_noise
-    prior = np.zeros_like(information)
-    prior[:count, :count] = np.linalg.inv(prior_covariance)
-    covariance, mean = prior, np.zeros(len(prior))
-    for _ in range(config.iterations * config.noise_steps):
-        prior[count:, count:] = noise_prior.information()
-        covariance = np.asarray(np.linalg.inv(information + prior), np.float64)
-        mean = -(covariance @ gradient)
-        noise_prior = noise_prior.learned(mean[count:], covariance[count:, count:], least)
-    covariance[:count, :count] += np.outer(mean[:count], mean[:count])
-    return directions @ covariance @ directions.T
+    return information, honest * directions.T @ system.scores.sum(axis=0), directions
+
+
+def _with_priors(
+    information: FloatArray, gradient: FloatArray, prior_covariance: FloatArray, noise: PoseNoise
+) -> tuple[FloatArray, FloatArray]:
+    """Covariance and mean of all errors and pose noise."""
+    count = len(prior_covariance)
+    known = information.copy()
+    known[:count, :count] += np.linalg.inv(prior_covariance)
+    known[count:, count:] += noise.information()
+    covariance = np.asarray(np.linalg.inv(known), np.float64)
+    return covariance, -covariance @ gradient
 
 
 def _linearised(

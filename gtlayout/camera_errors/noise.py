@@ -14,6 +14,8 @@ from gtlayout.scene import FloatArray, IntArray
 
 _KINDS = 2
 """Rotation vectors and positions."""
+_REACH = 1.5
+"""Power of a step's factors. From 2 on it would not settle where the tracks show the noise well."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class PoseNoise:
     def learned(self, noise: FloatArray, covariance: FloatArray, least: PoseNoise) -> PoseNoise:
         """As large as the (6 F,) ``noise`` with its (6 F, 6 F) covariance shows; at least like ``least``.
 
-        A step of expectation maximisation.
+        A step of expectation maximisation, taken further: where the tracks show little of the noise, its own steps are
+        too short to arrive (Salakhutdinov & Roweis 2003).
         """
         frames = len(self.modes)
         in_modes = self.modes.T @ noise.reshape(frames, 6)
@@ -60,8 +63,9 @@ class PoseNoise:
         spread = np.einsum("fm,dfm->md", self.modes, blocks @ self.modes)
         second = (in_modes**2 + spread).T.reshape(_KINDS, 3, frames).mean(axis=1)
         per_mode = second / self._variances**2
-        smooth = self.smooth * (per_mode @ self.smoothness) / np.sum(self.smoothness / self._variances, axis=1)
-        white = self.white * per_mode.sum(axis=1) / np.sum(1 / self._variances, axis=1)
+        smoother = per_mode @ self.smoothness / np.sum(self.smoothness / self._variances, axis=1)
+        whiter = per_mode.sum(axis=1) / np.sum(1 / self._variances, axis=1)
+        smooth, white = self.smooth * smoother**_REACH, self.white * whiter**_REACH
         return replace(self, smooth=np.maximum(smooth, least.smooth), white=np.maximum(white, least.white))
 
     @property

@@ -7,7 +7,7 @@ from scipy.linalg import block_diag
 
 from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.camera_errors.findings import CameraDoubt
-from gtlayout.camera_errors.fit import Problem, posterior
+from gtlayout.camera_errors.fit import Problem, pose_noise, posterior
 from gtlayout.camera_errors.observations import frames_seen
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
 from gtlayout.scene import FloatArray, Scene
@@ -18,6 +18,7 @@ from gtlayout.tracking.triangulation import TriangulatedTracks, triangulate
 
 
 def camera_response(
+    given: Scene,
     scene: Scene,
     evidence: Tracks,
     tracks: Tracks,
@@ -31,16 +32,23 @@ def camera_response(
 
     Errors that all cameras share and those of single poses are unknowns together, with priors; what ``evidence``, the
     tracks that cameras are judged by, leaves open of them is propagated to the depths of all ``tracks``, whose ``rays``
-    are triangulated. ``doubt`` is what was found out about the shared ones of ``scene``, corrected where it says so.
-    Deterministic in ``seed``.
+    are triangulated. ``doubt`` is what was found out about the shared ones. ``given`` is the scene corrected where it
+    says so: its poses show how large the noise is that the refined ones of ``scene`` came from. Deterministic in
+    ``seed``.
     """
     order = np.random.default_rng(seed).permutation(len(evidence))[: config.max_tracks]
     if not doubt.findings or len(order) < config.min_tracks:
         return CameraResponse.none(len(tracks), len(scene.key_frames))
     local = Normalisation.of(rays)
     frames = np.union1d(*(frames_seen(scene, some, config.max_frames) for some in (evidence, tracks)))
-    problem = Problem.of(scene, evidence, triangulate(scene, evidence, triangulation), order, config, frames, local)
-    covariance = posterior(problem, remaining(doubt, config))
+
+    def of(cameras: Scene) -> Problem:
+        again = triangulate(cameras, evidence, triangulation)
+        return Problem.of(cameras, evidence, again, order, config, frames, local)
+
+    problem, prior_covariance = of(scene), remaining(doubt, config)
+    noise = pose_noise(problem if given is scene else of(given), prior_covariance)
+    covariance = posterior(problem, prior_covariance, noise)
     values, vectors = np.linalg.eigh(covariance)
     # (D, D) changes of the cameras by independent errors of one σ each.
     changes = vectors * np.sqrt(np.maximum(values, 0.0))

@@ -83,6 +83,10 @@ class ImageMatchConfig:
     """The same for their share of all matches."""
     max_tracks: int = 300
     """Most tracks from one key frame: the longest of each cell of a grid over the image."""
+    followed_factor: float = 2.0
+    """Factor on σ of followed points where they are to judge cameras: the errors of a track, all from one patch, are
+    not independent. Without it what they have in common counts as large noise of the poses, and focal lengths come out
+    2 to 6 % wrong."""
     enough_tracks: int = 200
     """From so many tracks on, cameras are judged by them alone; with fewer by the followed points as well."""
 
@@ -197,17 +201,20 @@ class CameraErrorConfig:
     """Least σ of poses' errors that are smooth along the video: rotation, degrees, and position. More is learned."""
     least_white: tuple[float, float] = (0.008, 0.0008)
     """The same of errors that are independent from frame to frame."""
+    first_noise: float = 5.0
+    """Factor on both from which their size is learned."""
     correlated_frames: float = 8.0
     """Length of the smooth errors' correlation."""
     cauchy: float = 2.0
     """Robust scale, in σ of an observation."""
-    sigma_factor: float = 3.0
-    """Factor on the σ of an observation in the weights: the errors of a track, and of a frame, are not independent.
-    With 1 what tracks have in common counts as large noise of the poses, and focal lengths come out 2 to 6 % wrong."""
+    sigma_factor: float = 1.5
+    """Factor on the σ of an observation in the weights: errors of a frame are not independent."""
     iterations: int = 4
     """Gauss-Newton iterations of each fit."""
     noise_steps: int = 3
     """Steps of learning the size of poses' errors in each of them."""
+    response_steps: int = 30
+    """The same for what the tracks leave open of the cameras."""
     confidence_factor: float = 1.5
     """Factor on σ of what is found. Errors found in 60 synthetic rooms whose cameras have none had 2 σ (RMS)."""
     min_sigmas: float = 3.0

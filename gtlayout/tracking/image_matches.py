@@ -7,7 +7,7 @@ images are matched without their cameras, furniture and all: only what their own
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import cv2
@@ -43,7 +43,10 @@ def camera_evidence(
     """
     matched = match_images(scene, found, sigma_px, config)
     every = joined((matched, followed), ())
-    return CameraEvidence(matched if len(matched) >= config.enough_tracks else every, every)
+    if len(matched) >= config.enough_tracks:
+        return CameraEvidence(matched, every)
+    doubted = replace(followed, sigma_px=config.followed_factor * followed.sigma_px)
+    return CameraEvidence(joined((matched, doubted), ()), every)
 
 
 def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: ImageMatchConfig) -> Tracks:
