@@ -81,7 +81,7 @@ def _check(
     names, judged = [instance.name for instance in instances], measures.instances
     lost = [i for i, one in enumerate(judged) if one.verdict == "unobservable"]
     if lost:
-        yield f"{_some(names, lost)} unobservable: leave out, or film with more motion and draw in more frames"
+        yield f"{_some(names, lost)} unobservable: draw more frames that show where they meet others, or leave them out"
     if unknown := [i for i, one in enumerate(judged) if i not in lost and not _is_placed(one)]:
         yield f"{_some(names, unknown)} of unknown depth: the σ is as large as the depth itself"
     if low := [k for k, iou in enumerate(measures.frames) if iou < config.min_frame_iou]:
