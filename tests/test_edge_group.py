@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import rooms
 
+from gtlayout.planes.contact_offsets import shifts_and_tilts_px
 from gtlayout.planes.edge_group import FARTHEST_PX, EdgeGroup
 from gtlayout.scene import FloatArray
 
@@ -66,3 +67,36 @@ def test_misfits_count_as_of_a_small_image_and_up_to_a_limit() -> None:
 def test_it_knows_both_its_sides() -> None:
     group = EdgeGroup(CAMERA, (4, 7), np.zeros((2, 2)))
     assert (group.other(4), group.other(7)) == (7, 4)
+
+
+def test_the_farthest_point_is_a_corner_of_the_hull() -> None:
+    rng = np.random.default_rng(0)
+    group = edge(rng.normal(0, 2, 9))
+    planes = np.tile(FLOOR, (20, 1)) + rng.normal(0, 0.05, (20, 4))
+    of_all = np.abs(group.distances_px(planes, FAR)).max(axis=1)
+    np.testing.assert_allclose(np.abs(group.hull.distances_px(planes, FAR)).max(axis=1), of_all, rtol=1e-12)
+    assert len(group.hull.points_px) < len(group.points_px)
+
+
+def test_shift_and_tilt_are_those_of_its_two_representatives_and_change_with_the_offset() -> None:
+    large = rooms.level_camera([2.0, 1.0, 1.25], focal=640.0, width=1280, height=960)
+    points_px, _ = large.project(FOOT)
+    groups = [edge(np.linspace(1, 4, 9)), EdgeGroup(large, (0, 1), points_px + np.array([0, 6.0]))]
+    planes = np.stack([FLOOR, FAR])
+    offsets = np.array([[0.0, 0.02, -0.01], [0.01, 0.0, 0.03]])
+    px, by_offset = shifts_and_tilts_px(groups, planes, offsets)
+    for group, offset, (shift, tilt), derivative in zip(groups, offsets, px, by_offset, strict=True):
+        first, last = group.ends.misfits_px(planes, offset) / group.camera.annotation_scale
+        np.testing.assert_allclose([shift, tilt], [(first + last) / 2, (first - last) / 2], atol=1e-9)
+        assert abs(shift) > 1
+        for axis in range(3):
+            step = np.zeros((2, 3))
+            step[:, axis] = 1e-6
+            above, below = (shifts_and_tilts_px([group] * 2, planes, offset + sign * step)[0][0] for sign in (1, -1))
+            np.testing.assert_allclose(derivative[:, axis], (above - below) / 2e-6, rtol=1e-5, atol=1e-5)
+
+
+def test_planes_that_coincide_have_neither() -> None:
+    px, by_offset = shifts_and_tilts_px([edge(2.0), edge(2.0)], np.stack([FLOOR, FLOOR]), np.zeros((2, 3)))
+    assert not px.any()
+    assert not by_offset.any()

@@ -95,7 +95,7 @@ class _Search:
             cost += min(len(index), config.max_track_weight) * capped.mean(axis=1)
         for group in evidence.edges:
             if instance in group.instances and np.isfinite(planes[group.other(instance), 0]):
-                worst = np.abs(group.distances_px(hypotheses, planes[group.other(instance)])).max(axis=1)
+                worst = np.abs(group.hull.distances_px(hypotheses, planes[group.other(instance)])).max(axis=1)
                 price = np.minimum((worst / (config.edge_cutoff_px * group.camera.annotation_scale)) ** 2, 1.0)
                 if len(index) == 0:
                     # In its neighbour's plane the edge gives no evidence, and there are no tracks that could.
@@ -129,22 +129,21 @@ class _Search:
             if instance in group.instances and placed[group.other(instance)]
         ]
         across = planes[evidence.perpendicular[instance] & placed, :3]
-        candidates = [np.empty((0, 4))]
+        triples = [np.empty((3, 0, 3))]
         if len(points) >= 3:
-            a, b, c = points[self._draw(confidence, (3, draws))]
-            candidates.append(_through_points(a, b, c))
+            triples.append(points[self._draw(confidence, (3, draws))])
         if len(points) >= 2 and len(across):
             a, b = points[self._draw(confidence, (2, draws))]
-            candidates.append(_through_points(a, b, a + across[self.rng.integers(len(across), size=draws)]))
+            triples.append(np.stack([a, b, a + across[self.rng.integers(len(across), size=draws)]]))
         for start, end in lines:
             if len(points):
                 third = points[self._draw(confidence, (self.config.draws_per_edge,))]
-                candidates.append(_through_points(start, end, third))
+                triples.append(np.stack(np.broadcast_arrays(start, end, third)))
             if len(across):
-                candidates.append(_through_points(start, end, start + across))
+                triples.append(np.stack(np.broadcast_arrays(start, end, start + across)))
         if len(lines) >= 2:
-            a, b, c = np.concatenate(lines)[self.rng.integers(2 * len(lines), size=(3, draws))]
-            candidates.append(_through_points(a, b, c))
+            triples.append(np.concatenate(lines)[self.rng.integers(2 * len(lines), size=(3, draws))])
+        candidates = [_through_points(*np.concatenate(triples, axis=1))]
         if len(points) or lines:
             # A ceiling over a floor, a wall along another: the same normal, through any known point of it.
             anchors = np.concatenate([points[: self.config.parallel_points], *lines])
