@@ -95,7 +95,7 @@ def _element(data: Any) -> Any:
         (lambda d: d.update(frames=[]), "no usable element"),
         (lambda d: [f.update(elements=[]) for f in d["frames"]], "no usable element"),
         (lambda d: d.update(image_size=[128, 90]), "001.png was annotated at 128x90 px but its camera says 64x48"),
-        (lambda d: d.update(image_size=[48, 64]), "annotated at 48x64 px .*: remove the EXIF orientation"),
+        (lambda d: d.update(image_size=[48, 64]), "annotated at 48x64 px .*: it was drawn on a turned copy"),
         (lambda d: d.update(image_size=[64]), "image_size must be"),
         (lambda d: d["frames"][0].pop("image"), "frame number 0 has no image name"),
         (lambda d: [f.update(image="777.png") for f in d["frames"]], "annotated image 777.png has no camera"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -12,8 +13,10 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import undistortion
+from gtlayout.io.cameras.upright import Turned, camera_is_of_shown, upright
 from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
+from gtlayout.io.pixels.turn import AS_STORED, Header, read_header
 from gtlayout.io.sources import PosedImage
 from gtlayout.scene import Camera, Frame
 
@@ -26,7 +29,8 @@ MAX_POSITION = 1e9
 def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame, ...], tuple[str, ...], list[str]]:
     """Frames in natural order of their names, the names of cameras without an image file, and warnings.
 
-    To compare sizes, one image per image size is decoded; whether the others can be read shows when they are used.
+    Frames stand upright: an image with an orientation tag is turned, and its camera with it. To compare sizes, one
+    image per image size is decoded; whether the others can be read shows when they are used.
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
     a camera is nowhere, or the images do not have the size that their camera says.
     """
@@ -50,8 +54,10 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
             f"{root}: {len(present)} frames with camera and image file, at least {MIN_FRAMES} are needed "
             f"({len(ordered)} cameras)"
         )
-    _check_sizes(present)
-    frames = tuple(_frame(root, image) for image in present)
+    headers = [_header(image) for image in present]
+    _check_sizes([image for image, header in zip(present, headers, strict=True) if not _is_of_shown(image, header)])
+    frames = tuple(_frame(root, image, header) for image, header in zip(present, headers, strict=True))
+    warnings += _orientation_lines(present, headers)
     if (root / "depth").is_dir() and not any(frame.depth_path for frame in frames):
         warnings.append(
             f"{root / 'depth'} holds no map for any frame; looked for {_depth_path(root, present[0])} and so on"
@@ -59,33 +65,59 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     return frames, tuple(image.name for image in missing), warnings
 
 
-def _frame(root: Path, image: PosedImage) -> Frame:
+def _header(image: PosedImage) -> Header | None:
+    """What the image file says of its orientation; None where it says nothing, or is no file."""
+    header = read_header(image.image_path) if image.video is None else None
+    return header if header and header.turn != AS_STORED else None
+
+
+def _is_of_shown(image: PosedImage, header: Header | None) -> bool:
+    return header is not None and camera_is_of_shown(header, (image.camera.width, image.camera.height))
+
+
+def _orientation_lines(images: Sequence[PosedImage], headers: Sequence[Header | None]) -> list[str]:
+    """One line per orientation and reading of the cameras: how it was read, and how sure that is."""
+    groups: dict[tuple[str, bool], list[PosedImage]] = defaultdict(list)
+    for image, header in zip(images, headers, strict=True):
+        if header is not None:
+            groups[header.turn.says(), _is_of_shown(image, header)].append(image)
+    return [
+        f"{len(group)} images have an orientation tag (EXIF): {says} when shown, first {group[0].image_path}; their "
+        + (
+            "cameras are of the images as shown, by their size"
+            if of_shown
+            else "cameras are taken to be of the pixels as stored, which COLMAP and nerfstudio read"
+        )
+        for (says, of_shown), group in groups.items()
+    ]
+
+
+def _frame(root: Path, image: PosedImage, header: Header | None) -> Frame:
     try:
-        undistort = undistortion(image.camera)
+        lens = undistortion(image.camera)
     except GtlayoutError as error:
         raise GtlayoutError(f"{image.image_path}: {error}") from error
     if not np.all(np.abs(image.t_cam_from_world) <= MAX_POSITION):
         raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}")
-    pinhole = undistort.target if undistort else image.camera
-    camera = Camera(
+    pinhole = lens.target if lens else image.camera
+    seen = Camera(
         K=np.array(pinhole.calibration_matrix(), dtype=np.float64),
         R_cam_from_world=image.R_cam_from_world,
         t_cam_from_world=image.t_cam_from_world,
         width=int(pinhole.width),
         height=int(pinhole.height),
     )
-    depth_path = _depth_path(root, image)
-    return Frame(
-        image.name,
-        image.image_path,
-        camera,
-        undistort,
-        depth_path if depth_path.is_file() else None,
-        Registration(image.depth_camera, Pinhole(camera.K, camera.width, camera.height))
-        if image.depth_camera
-        else None,
-        image.video,
+    would_be = _depth_path(root, image)
+    depth_path = would_be if would_be.is_file() else None
+    register = (
+        Registration(image.depth_camera, Pinhole(seen.K, seen.width, seen.height)) if image.depth_camera else None
     )
+    if header is None:
+        return Frame(image.name, image.image_path, seen, lens, depth_path, register, image.video)
+    turned = upright(header, lens, (image.camera.width, image.camera.height))
+    camera = seen if turned.after == AS_STORED else turned.after.camera(seen)
+    register_turned = Turned(register, turned.after) if register else None
+    return Frame(image.name, image.image_path, camera, turned, depth_path, register_turned)
 
 
 def _depth_path(root: Path, image: PosedImage) -> Path:
