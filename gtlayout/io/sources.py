@@ -88,7 +88,9 @@ class RawKeyFrame:
     image_size: tuple[int, int] | None
     """(width, height) px of the image that was annotated; None = not said."""
     number: int | None = None
-    """Counted from 0 in the video, or in the sorted images, that was annotated; None = not known."""
+    """Place among the images of the task that was annotated, from 0 on; None = not known."""
+    video_number: int | None = None
+    """Place in the video that the task's images were taken from, from 0 on; None = not known, or of no video."""
 
 
 @dataclass(frozen=True)
