@@ -126,6 +126,8 @@ class VideoOrigin:
     """When the frame is shown, from the first frame on."""
     frame_count: int
     """Of the video."""
+    resampled: Callable[[ImageArray], ImageArray] | None = None
+    """What was done to the frame, as it is stored in the video, to make the image file of it; None = not known."""
 
 
 @dataclass(frozen=True)

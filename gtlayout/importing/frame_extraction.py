@@ -13,7 +13,8 @@ import cv2
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_atomic
 from gtlayout.io.pixels.video import Video
-from gtlayout.scene import FloatArray, ImageArray
+from gtlayout.io.video_record import origin_in
+from gtlayout.scene import FloatArray, ImageArray, VideoOrigin
 
 JPEG_QUALITY = 95
 SHARPNESS_PX = 640
@@ -28,9 +29,14 @@ class Extraction:
 
     names: tuple[str, ...]
     """File names in the order of time; ``time_of`` reads them."""
-    video_frames: tuple[int, ...]
+    origins: tuple[VideoOrigin, ...]
     """Which frame of the video each of them is."""
     warnings: tuple[str, ...]
+
+    @property
+    def video_frames(self) -> tuple[int, ...]:
+        """Numbers of the frames in the video."""
+        return tuple(origin.number for origin in self.origins)
 
 
 def extract_frames(
@@ -49,7 +55,9 @@ def extract_frames(
         raise GtlayoutError(f"frames per second must be a positive number, not {rate_hz}")
     source = Video(video)
     times_s = source.times_s
-    names, chosen, seen = [], [], 0
+    names: list[str] = []
+    chosen: list[int] = []
+    seen = 0
     for index, image, decoded in _sharpest(source.frames(), times_s, rate_hz):
         names.append(frame_name(float(times_s[index])))
         chosen.append(index)
@@ -61,7 +69,7 @@ def extract_frames(
     progress(len(times_s), len(times_s))
     lost = len(times_s) - seen
     warnings = (f"{video}: {lost} of {len(times_s)} frames cannot be decoded and were passed over",) if lost else ()
-    return Extraction(tuple(names), tuple(chosen), warnings)
+    return Extraction(tuple(names), tuple(origin_in(source, index) for index in chosen), warnings)
 
 
 def frame_name(time_s: float) -> str:

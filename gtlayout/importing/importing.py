@@ -10,20 +10,21 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.frame_extraction import extract_frames
+from gtlayout.importing.image_list import list_images
+from gtlayout.importing.key_frame_choice import choose_key_frames, points_by_image
+from gtlayout.importing.key_frame_files import LIST, SHEET, write_key_frame_files
 from gtlayout.importing.known_distance import scale_from_distance
 from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
 from gtlayout.importing.structure_from_motion import reconstruct
 from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
-from gtlayout.io.cameras.frames import natural
 from gtlayout.io.files import new_folder
 from gtlayout.io.pixels.images import read_rgb
 from gtlayout.io.scene_folder import load_scene, scene_of
 from gtlayout.io.sources import PosedImages
+from gtlayout.io.video_record import write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene
-
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,8 @@ def import_scene(
             scene, model, messages = _with_colmap(source, annotations, rate_hz, focal_px, Path(work), observer)
         else:
             scene, messages = load_scene(source, annotations, annotated=False), ()
+        scene = _without_unreadable(scene)
+        key_frames = choose_key_frames(scene, points_by_image(model) if model else {})
         scale = None
         if depth_scale is not None:
             scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
@@ -79,12 +82,14 @@ def import_scene(
             # True planes in the folder are in the unit and the world of other cameras.
             scene = replace(scene, root=Path(work))
         observer.stage("writing")
-        scene = _without_unreadable(scene)
-        write_scene(scene, filled, "native", "native")
+        names = write_scene(scene, filled, "native", "native")
+        if key_frames:
+            write_key_frame_files(filled, scene, key_frames, names)
     if not scene.key_frames:
         messages = (
             *messages,
-            f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}",
+            f"not annotated yet: annotate the {len(key_frames)} images of {out / 'images'} that {out / LIST} names "
+            f"({SHEET} shows them), and put the tool's export into {out}",
         )
     return Imported(scene, messages)
 
@@ -104,12 +109,10 @@ def _with_colmap(
         observer.stage("frames")
         extraction = extract_frames(source, images, rate_hz, observer.progress)
         names, warnings = extraction.names, extraction.warnings
+        write_video_record(root, dict(zip(names, extraction.origins, strict=True)))
     else:
         root = source
-        images = source / "images" if (source / "images").is_dir() else source
-        names = tuple(
-            sorted((path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
-        )
+        images, names, warnings = list_images(source)
     found = reconstruct(images, names, work, observer, focal_px)
     posed = PosedImages(
         posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False

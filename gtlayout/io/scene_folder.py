@@ -21,6 +21,7 @@ from gtlayout.io.cameras.colmap import reader as colmap
 from gtlayout.io.cameras.frames import build_frames
 from gtlayout.io.files import read_json
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
+from gtlayout.io.video_record import with_origins
 from gtlayout.scene import Frame, KeyFrame, Scene
 
 T = TypeVar("T")
@@ -77,9 +78,12 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
 def scene_of(root: Path, cameras: PosedImages, annotations: Path, *, annotated: bool) -> Scene:
     """The scene that ``cameras`` and the annotations in the file or folder ``annotations`` make; see ``load_scene``."""
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
+    frames, origin_warnings = with_origins(root, frames)
     key_frames, annotation_warnings = _key_frames(annotations, frames, without_image, annotated)
     metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
-    return Scene(root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *annotation_warnings))
+    return Scene(
+        root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *origin_warnings, *annotation_warnings)
+    )
 
 
 def _key_frames(

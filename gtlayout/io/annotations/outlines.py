@@ -51,9 +51,15 @@ class View:
     """That of the pinhole camera."""
 
     @classmethod
-    def of(cls, name: str, frame: Frame, annotated_size: tuple[int, int] | None) -> View:
-        """The frame as an annotator saw it; in the size of the image file when ``annotated_size`` is None."""
+    def of(cls, name: str, frame: Frame, annotated_size: tuple[int, int] | None, *, on_video: bool = False) -> View:
+        """The frame as an annotator saw it; in the size of the image file when ``annotated_size`` is None.
+
+        ``on_video``: as it is in the video that the image file was made of.
+        """
         lens = frame.undistort if isinstance(frame.undistort, Undistortion | Upright) else None
+        origin = frame.origin.resampled if frame.origin and on_video else None
+        if isinstance(origin, Upright) and not isinstance(lens, Upright):
+            lens = replace(origin, lenses=(*origin.lenses, lens)) if lens else origin
         pinhole_size = (frame.camera.width, frame.camera.height)
         view = cls(name, lens, pinhole_size, (0, 0), frame.camera.annotation_scale)
         return replace(view, annotated_size=annotated_size or view.shown_size)

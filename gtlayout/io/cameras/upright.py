@@ -27,8 +27,8 @@ class Upright:
     width: int
     """Of the image file as stored, px."""
     height: int
-    lens: Undistortion | None
-    """None = the camera is a pinhole."""
+    lenses: tuple[Undistortion, ...]
+    """One, or none when the camera is a pinhole; more where an undistorted image was given another lens."""
     before: Turn
     after: Turn
 
@@ -42,23 +42,32 @@ class Upright:
         """(width, height) px as a viewer shows the image."""
         return self.shown.size(self.size)
 
+    @property
+    def seen_size(self) -> tuple[int, int]:
+        """(width, height) px of the undistorted image, before it is turned upright."""
+        if not self.lenses:
+            return self.before.size(self.size)
+        return int(self.lenses[-1].target.width), int(self.lenses[-1].target.height)
+
     def from_shown(self, shown_px: FloatArray) -> FloatArray:
         """(N, 2) pixels of the image as shown → (N, 2) of the file as stored."""
         return self.shown.inverse.points(shown_px, self.shown_size)
 
     def points(self, stored_px: FloatArray) -> FloatArray:
         """(N, 2) pixels of the file as stored → (N, 2) of the frame; NaN where the lens has no inverse."""
-        seen_px, size = self.before.points(stored_px, self.size), self.before.size(self.size)
-        if self.lens is not None:
-            seen_px, size = self.lens.points(seen_px), (self.lens.target.width, self.lens.target.height)
-        return self.after.points(seen_px, size)
+        seen_px = self.before.points(stored_px, self.size)
+        for lens in self.lenses:
+            seen_px = lens.points(seen_px)
+        return self.after.points(seen_px, self.seen_size)
 
     def __call__(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Pixels (or a depth map) as stored → those of the frame. Raises GtlayoutError on another size."""
         if image.shape[:2] != (self.height, self.width):
             raise GtlayoutError(f"{image.shape[1]}x{image.shape[0]} px, its camera says {self.width}x{self.height}")
         seen = self.before.image(image)
-        return self.after.image(self.lens(seen) if self.lens is not None else seen)
+        for lens in self.lenses:
+            seen = lens(seen)
+        return self.after.image(seen)
 
 
 @dataclass(frozen=True)
@@ -81,7 +90,7 @@ def upright(header: Header, lens: Undistortion | None, camera_size: tuple[int, i
     of_shown = camera_is_of_shown(header, camera_size)
     before = header.turn if of_shown else AS_STORED
     after = AS_STORED if of_shown or header.turn.is_mirrored else header.turn
-    return Upright(header.turn, *header.size, lens, before, after)
+    return Upright(header.turn, *header.size, (lens,) if lens else (), before, after)
 
 
 def camera_is_of_shown(header: Header, camera_size: tuple[int, int]) -> bool:
