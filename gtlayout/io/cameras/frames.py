@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import undistortion
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.sources import PosedImage
@@ -30,7 +33,8 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
     a camera is nowhere, or the images do not have the size that their camera says.
     """
-    ordered = sorted(images, key=lambda image: natural(image.name))
+    files = FilesOnDisk()
+    ordered = sorted(_on_disk(images, files), key=lambda image: natural(image.name))
     for previous, image in pairwise(ordered):
         if previous.name == image.name:
             raise GtlayoutError(f"{root}: two cameras for one image, {image.name}")
@@ -51,7 +55,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
             f"({len(ordered)} cameras)"
         )
     _check_sizes(present)
-    frames = tuple(_frame(root, image) for image in present)
+    frames = tuple(_frame(root, image, files) for image in present)
     if (root / "depth").is_dir() and not any(frame.depth_path for frame in frames):
         warnings.append(
             f"{root / 'depth'} holds no map for any frame; looked for {_depth_path(root, present[0])} and so on"
@@ -59,7 +63,20 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     return frames, tuple(image.name for image in missing), warnings
 
 
-def _frame(root: Path, image: PosedImage) -> Frame:
+def _on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
+    """The images, those whose file is called a little otherwise with the path that it has.
+
+    A file is not taken that is another camera's already, or that two cameras could mean.
+    """
+    meant = [None if image.is_there else files.find(image.image_path) for image in images]
+    taken = Counter([image.image_path for image in images if image.is_there] + [path for path in meant if path])
+    return [
+        replace(image, image_path=path) if path is not None and taken[path] == 1 else image
+        for image, path in zip(images, meant, strict=True)
+    ]
+
+
+def _frame(root: Path, image: PosedImage, files: FilesOnDisk) -> Frame:
     try:
         undistort = undistortion(image.camera)
     except GtlayoutError as error:
@@ -74,13 +91,13 @@ def _frame(root: Path, image: PosedImage) -> Frame:
         width=int(pinhole.width),
         height=int(pinhole.height),
     )
-    depth_path = _depth_path(root, image)
+    depth_path = files.find(_depth_path(root, image))
     return Frame(
         image.name,
         image.image_path,
         camera,
         undistort,
-        depth_path if depth_path.is_file() else None,
+        depth_path,
         Registration(image.depth_camera, Pinhole(camera.K, camera.width, camera.height))
         if image.depth_camera
         else None,
