@@ -85,8 +85,9 @@ class VideoSource(Protocol):
 
     path: Path
 
-    def __len__(self) -> int:
-        """How many frames it has."""
+    @property
+    def times_s(self) -> FloatArray:
+        """(N,) presentation time of each frame, ascending, from the first frame on."""
         ...
 
     @property

@@ -15,7 +15,7 @@ from tools_env import run_tool
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.key_frames import build_key_frames
-from gtlayout.io.annotations.label_studio.reader import image_name, read_label_studio
+from gtlayout.io.annotations.label_studio.reader import read_label_studio
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawShape
 from gtlayout.scene import Element, FloatArray, KeyFrame
@@ -86,26 +86,6 @@ def test_it_is_found_in_a_scene_folder(tiny: Path) -> None:
     again = load_scene(tiny)
     assert [(k.frame, k.elements[0].visible.area) for k in again.key_frames] == [(1, 312.5), (3, 312.5)]
     assert again.warnings == scene.warnings
-
-
-@pytest.mark.parametrize(
-    ("url", "name"),
-    [
-        ("/data/upload/3/1a2b3c4d-000030.jpg", "000030.jpg"),
-        ("http://localhost:8080/data/upload/3/1a2b3c4d-a-b.jpg", "a-b.jpg"),
-        ("/data/upload/3/000030.jpg", "/data/upload/3/000030.jpg"),
-        ("/data/local-files/?d=images/000030.jpg", "images/000030.jpg"),
-        ("/data/local-files?d=room%201/000030.jpg", "room 1/000030.jpg"),
-        ("s3://bucket/room/000030%20.jpg", "/room/000030%20.jpg"),
-        ("https://example.org/room/a%20b.jpg?X-Amz-Date=1#here", "/room/a b.jpg"),
-        ("C:\\rooms\\000030.jpg", "C:\\rooms\\000030.jpg"),
-        ("images/000030.jpg", "images/000030.jpg"),
-        ("1a2b3c4d-000030.jpg", "1a2b3c4d-000030.jpg"),
-        ("http://[/1.jpg", "http://[/1.jpg"),
-    ],
-)
-def test_names_of_images(url: str, name: str) -> None:
-    assert image_name(url) == name
 
 
 @pytest.mark.parametrize(

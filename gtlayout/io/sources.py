@@ -102,6 +102,12 @@ class RawAnnotations:
     warnings: tuple[str, ...] = ()
     sequence_length: int | None = None
     """How many images ``RawKeyFrame.number`` counts; None = not known."""
+    of_video: bool | None = None
+    """Whether these are frames of a video, in order of time, or image files, in order of names; None = not known."""
+    is_part_of_video: bool = False
+    """Whether they are known to be some of a video's frames only."""
+    listed: tuple[str, ...] = ()
+    """Names of all images that the file lists, annotated or not, where it lists those, too."""
 
 
 @dataclass(frozen=True)

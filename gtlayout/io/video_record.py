@@ -23,7 +23,7 @@ from gtlayout.io.pixels.video import MAX_FRAMES, Video
 from gtlayout.scene import Frame, VideoOrigin
 
 FILE = "video_frames.json"
-FORMAT = "gtlayout-video/1"
+FORMAT: Literal["gtlayout-video/1"] = "gtlayout-video/1"
 MAX_TIME_S = 1e7
 
 

@@ -14,6 +14,9 @@ from gtlayout.io.annotations.outlines import MAX_STRETCH, Repairs, View, polylin
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
 from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
 
+MAX_REASONS = 3
+"""So many of the reasons why nothing of a file is usable are said; they stand on one line."""
+
 
 def build_key_frames(
     annotations: RawAnnotations, frames: Sequence[Frame], without_image: Sequence[str], own_labels: Mapping[str, Kind]
@@ -31,14 +34,15 @@ def build_key_frames(
     by_frame: dict[int, KeyFrame] = {}
     skipped, resized, shown_turned = [], [], []
     for raw in annotations.key_frames:
-        index = find(raw)
-        if isinstance(index, str):
-            skipped.append(f"annotated image {raw.image} {index}")
+        match = find(raw)
+        if isinstance(match, str):
+            skipped.append(f"annotated image {raw.image} {match}")
             continue
+        index = match.index
         if index in by_frame:
             skipped.append(f"image {raw.image} is annotated twice, the first time counts")
             continue
-        view = View.of(raw.image, frames[index], raw.image_size)
+        view = View.of(raw.image, frames[index], raw.image_size, on_video=match.on_video)
         if problem := _other_shape(view):
             skipped.append(problem)
             continue
@@ -54,7 +58,7 @@ def build_key_frames(
             f"occlusion_edge; {LABELS_FILE} can say what others mean)"
             for label, n in sorted(unknown_labels.items())
         ),
-        *(f"{file}: {line}" for line in skipped),
+        *(f"{file}: {line}" for line in (*find.warnings, *skipped)),
         *([_resized(file, resized)] if resized else []),
         *([_shown_turned(file, shown_turned)] if shown_turned else []),
         *(
@@ -66,8 +70,10 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        why = f" ({warnings[0].removeprefix(f'{file}: ')})" if warnings else ""
-        raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
+        # What the reader left out comes first: of a file without a usable shape it is all there is to say.
+        said = [line.removeprefix(f"{file}: ") for line in (*annotations.warnings, *warnings)]
+        why = "; ".join(said[:MAX_REASONS]) or "nothing is drawn in it"
+        raise GtlayoutError(f"{annotations.path}: no usable element in any frame ({why})")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
     return key_frames, warnings

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import undistortion
 from gtlayout.io.cameras.upright import Turned, camera_is_of_shown, upright
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.pixels.turn import AS_STORED, Header, read_header
@@ -34,7 +36,8 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
     a camera is nowhere, or the images do not have the size that their camera says.
     """
-    ordered = sorted(images, key=lambda image: natural(image.name))
+    files = FilesOnDisk()
+    ordered = sorted(_on_disk(images, files), key=lambda image: natural(image.name))
     for previous, image in pairwise(ordered):
         if previous.name == image.name:
             raise GtlayoutError(f"{root}: two cameras for one image, {image.name}")
@@ -56,7 +59,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
         )
     headers = [_header(image) for image in present]
     _check_sizes([image for image, header in zip(present, headers, strict=True) if not _is_of_shown(image, header)])
-    frames = tuple(_frame(root, image, header) for image, header in zip(present, headers, strict=True))
+    frames = tuple(_frame(root, image, header, files) for image, header in zip(present, headers, strict=True))
     warnings += _orientation_lines(present, headers)
     if (root / "depth").is_dir() and not any(frame.depth_path for frame in frames):
         warnings.append(
@@ -92,7 +95,20 @@ def _orientation_lines(images: Sequence[PosedImage], headers: Sequence[Header | 
     ]
 
 
-def _frame(root: Path, image: PosedImage, header: Header | None) -> Frame:
+def _on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
+    """The images, those whose file is called a little otherwise with the path that it has.
+
+    A file is not taken that is another camera's already, or that two cameras could mean.
+    """
+    meant = [None if image.is_there else files.find(image.image_path) for image in images]
+    taken = Counter([image.image_path for image in images if image.is_there] + [path for path in meant if path])
+    return [
+        replace(image, image_path=path) if path is not None and taken[path] == 1 else image
+        for image, path in zip(images, meant, strict=True)
+    ]
+
+
+def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnDisk) -> Frame:
     try:
         lens = undistortion(image.camera)
     except GtlayoutError as error:
@@ -107,8 +123,7 @@ def _frame(root: Path, image: PosedImage, header: Header | None) -> Frame:
         width=int(pinhole.width),
         height=int(pinhole.height),
     )
-    would_be = _depth_path(root, image)
-    depth_path = would_be if would_be.is_file() else None
+    depth_path = files.find(_depth_path(root, image))
     register = (
         Registration(image.depth_camera, Pinhole(seen.K, seen.width, seen.height)) if image.depth_camera else None
     )

@@ -68,7 +68,8 @@ def read_coco(_root: Path, path: Path) -> RawAnnotations:
     warnings = notes.lines(path.name)
     if not key_frames:
         raise GtlayoutError(f"{path}: no annotation can be used" + (f" ({warnings[0]})" if warnings else ""))
-    return RawAnnotations(path, key_frames, (f"{path}: COCO has {NO_OCCLUSION_EDGES}", *warnings))
+    listed = tuple(image.name for image in images.values())
+    return RawAnnotations(path, key_frames, (f"{path}: COCO has {NO_OCCLUSION_EDGES}", *warnings), listed=listed)
 
 
 def write_coco(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:

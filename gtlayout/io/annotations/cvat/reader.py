@@ -18,8 +18,11 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
 from gtlayout.io.annotations.checked import Notes, UnusableError
 from gtlayout.io.annotations.cvat.shapes import geometry, whole_number
-from gtlayout.io.annotations.frame_names import VIDEO_FRAME
+from gtlayout.io.annotations.sequence import VIDEO_FRAME
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
+
+MODES = {"interpolation": True, "annotation": False}
+"""What CVAT calls tasks over a video and over images: whether it is a video."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,22 @@ class _Sequence:
     step: int = 1
     size: tuple[int, int] | None = None
     """(width, height) px of a video."""
+    of_video: bool | None = None
+    is_job: bool = False
 
     def number(self, frame: int) -> int | None:
         """Place of CVAT's frame number among the images of the task or job, from 0."""
         place, off = divmod(frame - self.start, self.step)
         return place if not off and place >= 0 else None
+
+    def video_number(self, frame: int) -> int | None:
+        """Number in the video of CVAT's frame number, which is the same."""
+        return None if self.of_video is False else frame
+
+    @property
+    def is_part_of_video(self) -> bool:
+        """Whether it leaves frames out as far as the file tells; it does not tell how many there are."""
+        return bool(self.of_video) and (self.start > 0 or self.step > 1 or self.is_job)
 
 
 def read_cvat(_root: Path, path: Path) -> RawAnnotations:
@@ -55,7 +69,16 @@ def read_cvat(_root: Path, path: Path) -> RawAnnotations:
         warnings.append(
             f"{path.name}: {interpolated} shapes in key frames were interpolated by CVAT, not drawn: check them"
         )
-    return RawAnnotations(path, (*of_images, *of_tracks), tuple(warnings), sequence.length)
+    listed = tuple(name for image in root.findall("image") if (name := _line(image.get("name", ""))))
+    return RawAnnotations(
+        path,
+        (*of_images, *of_tracks),
+        tuple(warnings),
+        sequence.length,
+        sequence.of_video,
+        sequence.is_part_of_video,
+        listed,
+    )
 
 
 def _parse(path: Path) -> Node:
@@ -79,12 +102,20 @@ def _sequence(root: Node) -> _Sequence:
         return _Sequence()
     step = re.search(r"step\s*=\s*(\d{1,9})", about[0].findtext("frame_filter") or "")
     width, height = (whole_number(about[0].findtext(f"original_size/{side}")) for side in ("width", "height"))
+    mode = (about[0].findtext("mode") or "").strip()
     return _Sequence(
         whole_number(about[0].findtext("size")),
         whole_number(about[0].findtext("start_frame")) or 0,
         max(int(step[1]), 1) if step else 1,
         (width, height) if width and height else None,
+        MODES.get(mode),
+        about[0].tag == "job",
     )
+
+
+def _numbers(sequence: _Sequence, frame: int) -> tuple[int | None, int | None]:
+    """Place among the images of the task or job, and number in the video."""
+    return sequence.number(frame), sequence.video_number(frame)
 
 
 def _images(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
@@ -100,9 +131,9 @@ def _images(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
         annotated = (width, height) if width and height else None
         shapes = [_shape(node, None, name, notes) for node in image if node.get("outside") != "1"]
         video = VIDEO_FRAME.fullmatch(name)
-        number = sequence.number(int(video[1])) if video else None
+        numbers = _numbers(sequence, int(video[1])) if video else (None, None)
         if found := tuple(shape for shape in shapes if shape is not None):
-            key_frames.append(RawKeyFrame(name, found, annotated, number))
+            key_frames.append(RawKeyFrame(name, found, annotated, *numbers))
     return key_frames
 
 
@@ -128,7 +159,7 @@ def _tracks(root: Node, sequence: _Sequence, notes: Notes) -> tuple[list[RawKeyF
                 shapes.append(shape)
                 interpolated += node.get("keyframe") != "1"
         if shapes:
-            key_frames.append(RawKeyFrame(name, tuple(shapes), sequence.size, sequence.number(frame)))
+            key_frames.append(RawKeyFrame(name, tuple(shapes), sequence.size, *_numbers(sequence, frame)))
     return key_frames, interpolated
 
 

@@ -6,22 +6,19 @@ The fields are those of Label Studio's documentation, "Label Studio JSON format 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
-from urllib.parse import parse_qs, unquote, urlsplit
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
 from gtlayout.io.annotations.checked import Notes, name
 from gtlayout.io.annotations.label_studio.regions import shapes_by_image
 from gtlayout.io.files import read_json_list
+from gtlayout.io.image_names import path_of_address
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, Reader
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".gif", ".webp", ".tif", ".tiff"})
-UPLOADED = re.compile(r"(?:.*/)?upload/\d+/[0-9a-f]{8}-(.+)", re.DOTALL)
-"""``upload/<project>/<8 hex digits>-<file name>``: ``upload_name_generator`` of Label Studio."""
 MAX_URL = 4096
 
 
@@ -40,27 +37,6 @@ def read_label_studio(_root: Path, path: Path) -> RawAnnotations:
         why = f" ({lines[0].removeprefix(f'{path.name}: ')})" if lines else ""
         raise GtlayoutError(f"{path}: no annotated image among {len(tasks)} tasks{why}")
     return RawAnnotations(path, tuple(key_frames), tuple(lines))
-
-
-def image_name(url: str) -> str:
-    """What an image is called in a task → its path or name, as far as it tells.
-
-    ``/data/local-files/?d=images/1.jpg`` → ``images/1.jpg``; ``/data/upload/3/1a2b3c4d-1.jpg`` → ``1.jpg``;
-    ``https://host/images/1%20a.jpg?x=y`` → ``/images/1 a.jpg``; ``s3://bucket/1.jpg`` → ``/1.jpg``.
-    """
-    if not re.match(r"[a-z][a-z0-9+-]+://|/?data/", url, re.IGNORECASE):
-        return url
-    try:
-        parts = urlsplit(url)
-        local = parse_qs(parts.query, max_num_fields=100).get("d", [""])[-1]
-    except ValueError:
-        return url
-    if local and parts.path.rstrip("/").endswith("data/local-files"):
-        return local
-    # Keys of buckets are written as they are, not percent-encoded.
-    path = parts.path if parts.scheme not in ("", "http", "https") else unquote(parts.path)
-    uploaded = UPLOADED.fullmatch(path)
-    return uploaded[1] if uploaded else path
 
 
 def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
@@ -150,7 +126,7 @@ def _images(data: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None
     if key is None:
         images = [key for key, urls in fields.items() if all(map(_looks_like_image, urls))] or list(fields)
         key = images[0] if len(images) == 1 else None
-    return None if key is None else [name(image_name(url)) or "?" for url in fields[key]]
+    return None if key is None else [name(path_of_address(url)) or "?" for url in fields[key]]
 
 
 def _urls(value: Any) -> list[str]:
@@ -159,7 +135,7 @@ def _urls(value: Any) -> list[str]:
 
 
 def _looks_like_image(url: str) -> bool:
-    return PurePosixPath(image_name(url)).suffix.lower() in IMAGE_SUFFIXES
+    return PurePosixPath(path_of_address(url)).suffix.lower() in IMAGE_SUFFIXES
 
 
 READER = Reader("Label Studio", "a JSON export", files_of_kind("label-studio"), read_label_studio)
