@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -44,12 +44,13 @@ def extract_frames(
     folder: Path,
     rate_hz: float,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
+    annotated: Collection[int] = (),
 ) -> Extraction:
     """Write the sharpest frame of each 1 / ``rate_hz`` seconds of ``video`` into ``folder`` (made if absent).
 
-    A video with fewer frames a second gives all it has. One frame at a time is held. ``progress`` is called
-    with (frames seen, frames in all). Raises GtlayoutError when the rate is no positive number, the video cannot be
-    read, or the folder cannot be written.
+    In a stretch with frames whose numbers are in ``annotated``, these are written instead. A video with fewer frames a
+    second gives all it has. Two frames at a time are held. ``progress`` is called with (frames seen, frames in all).
+    Raises GtlayoutError when the rate is no positive number, the video cannot be read, or the folder cannot be written.
     """
     if not 0 < rate_hz < math.inf:
         raise GtlayoutError(f"frames per second must be a positive number, not {rate_hz}")
@@ -58,10 +59,16 @@ def extract_frames(
     names: list[str] = []
     chosen: list[int] = []
     seen = 0
-    for index, image, decoded in _sharpest(source.frames(), times_s, rate_hz):
+
+    def counted() -> Iterator[tuple[int, ImageArray]]:
+        nonlocal seen
+        for frame in source.frames():
+            seen += 1
+            yield frame
+
+    for index, image in _taken(counted(), times_s, rate_hz, frozenset(annotated)):
         names.append(frame_name(float(times_s[index])))
         chosen.append(index)
-        seen += decoded
         write_atomic(folder / names[-1], _jpeg(image))
         progress(index + 1, len(times_s))
     if not names:
@@ -92,18 +99,21 @@ def sharpness(image: ImageArray) -> float:
     return float(cv2.Laplacian(gray, cv2.CV_32F).var())
 
 
-def _sharpest(
-    frames: Iterator[tuple[int, ImageArray]], times_s: FloatArray, rate_hz: float
-) -> Iterator[tuple[int, ImageArray, int]]:
-    """Index and pixels of the sharpest frame of each window that has one, and how many it was chosen from."""
+def _taken(
+    frames: Iterator[tuple[int, ImageArray]], times_s: FloatArray, rate_hz: float, annotated: Collection[int]
+) -> Iterator[tuple[int, ImageArray]]:
+    """Index and pixels of the frames of each window that are annotated, else of its sharpest."""
     for _, window in groupby(frames, key=lambda frame: math.floor(times_s[frame[0]] * rate_hz + ON_THE_EDGE)):
-        decoded, most = 0, -1.0
+        best: tuple[int, ImageArray] | None = None
+        most, has_annotated = -1.0, False
         for index, image in window:
-            decoded += 1
-            found = sharpness(image)
-            if found > most:
-                most, best_index, best_image = found, index, image
-        yield best_index, best_image, decoded
+            if index in annotated:
+                has_annotated = True
+                yield index, image
+            elif not has_annotated and (found := sharpness(image)) > most:
+                most, best = found, (index, image)
+        if best is not None and not has_annotated:
+            yield best
 
 
 def _jpeg(image: ImageArray) -> bytes:

@@ -19,7 +19,7 @@ from gtlayout.importing.structure_from_motion import reconstruct
 from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
 from gtlayout.io.files import new_folder
 from gtlayout.io.pixels.images import read_rgb
-from gtlayout.io.scene_folder import load_scene, scene_of
+from gtlayout.io.scene_folder import annotated_numbers, load_scene, scene_of
 from gtlayout.io.sources import PosedImages
 from gtlayout.io.video_record import write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
@@ -107,7 +107,8 @@ def _with_colmap(
     if source.is_file():
         root, images = work, work / "images"
         observer.stage("frames")
-        extraction = extract_frames(source, images, rate_hz, observer.progress)
+        annotated = annotated_numbers(annotations) if annotations else frozenset()
+        extraction = extract_frames(source, images, rate_hz, observer.progress, annotated)
         names, warnings = extraction.names, extraction.warnings
         write_video_record(root, dict(zip(names, extraction.origins, strict=True)))
     else:

@@ -15,6 +15,7 @@ from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.annotations.label_studio import reader as label_studio
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import read_label_file
+from gtlayout.io.annotations.sequence import sequence_of
 from gtlayout.io.cad_estate import reader as cad_estate
 from gtlayout.io.cameras import arkitscenes, nerfstudio, polycam, re10k, scannet
 from gtlayout.io.cameras.colmap import reader as colmap
@@ -91,15 +92,32 @@ def _key_frames(
 ) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
     """What the annotations in the folder ``path``, or the file ``path``, make of the frames, and warnings."""
     folder = path if path.is_dir() else path.parent
+    raw = _read_annotations(path, folder, annotated)
+    if raw is None:
+        return (), ()
+    key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
+    return key_frames, (*raw.warnings, *warnings)
+
+
+def annotated_numbers(annotations: Path) -> frozenset[int]:
+    """Numbers in the video of the frames that a file (or the one in a folder) annotates; none where it is of no video.
+
+    Raises GtlayoutError when there is no annotation file, or it cannot be read.
+    """
+    raw = _read_annotations(annotations, annotations if annotations.is_dir() else annotations.parent, True)
+    sequence = sequence_of(raw) if raw else None
+    return frozenset(sequence.video_numbers.values()) if sequence else frozenset()
+
+
+def _read_annotations(path: Path, folder: Path, annotated: bool) -> RawAnnotations | None:
+    """The annotations in the folder ``path``, or the file ``path``; None where there are none and need not be."""
     if not path.exists():
         raise GtlayoutError(f"no annotations {path}")
     found = [(reader, file) for reader, file in _found(folder, ANNOTATION_READERS) if path in (folder, file)]
     if not found and not annotated:
-        return (), ()
+        return None
     reader, file = _the_one(path, found, ANNOTATION_READERS, "annotations")
-    raw = reader.read(folder, file)
-    key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
-    return key_frames, (*raw.warnings, *warnings)
+    return reader.read(folder, file)
 
 
 def _found(root: Path, readers: Sequence[Reader[T]]) -> list[tuple[Reader[T], Path]]:

@@ -48,7 +48,8 @@ def build_key_frames(
             continue
         if view.annotated_size != view.drawn_size:
             resized.append(view)
-        if view.drawn_on_shown and (raw.image_size is None or view.sizes_cannot_tell):
+        # Whatever shows a video turns it, CVAT, too.
+        if view.drawn_on_shown and not match.on_video and (raw.image_size is None or view.sizes_cannot_tell):
             shown_turned.append(view)
         by_frame[index] = _key_frame(raw, index, view, meanings, repairs, unknown_labels)
     file = annotations.path.name

@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.cameras.upright import Upright
+from gtlayout.io.pixels.turn import AS_STORED
 from gtlayout.scene import FloatArray, Frame
 
 OVERHANG_PX = 1.0
@@ -80,7 +81,7 @@ class View:
 
         Annotation tools show images as their orientation tag asks, so it is, unless its size says otherwise.
         """
-        if not isinstance(self.lens, Upright):
+        if not isinstance(self.lens, Upright) or self.lens.shown == AS_STORED:
             return False
         return _same_shape(self.annotated_size, self.shown_size) or not _same_shape(self.annotated_size, self.file_size)
 
