@@ -81,3 +81,15 @@ def test_sharpness_falls_with_blur_at_any_size() -> None:
         image = cv2.resize(small, size, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
         soft = cv2.GaussianBlur(image, (0, 0), 0.01 * size[0]).astype(np.uint8)
         assert sharpness(image) > 2 * sharpness(soft)
+
+
+def test_annotated_frames_are_taken_instead_of_the_sharpest(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", blurred(pictures(COUNT), {4, 13, 27}), options={"crf": "10"})
+    found = extract_frames(video, tmp_path / "images", 3.0, annotated={1, 8, 15, 99})
+    assert found.video_frames == (1, 8, 15, 27)
+    assert found.warnings == ()
+    assert [origin.time_s for origin in found.origins] == pytest.approx([i / 30 for i in (1, 8, 15, 27)], abs=1e-3)
+    assert {(origin.video_name, origin.frame_count) for origin in found.origins} == {("a.mp4", COUNT)}
+    image = cv2.imread(str(tmp_path / "images" / found.names[1]))
+    assert image is not None
+    assert number_in(image.astype(np.uint8)) == 8

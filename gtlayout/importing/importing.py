@@ -70,7 +70,7 @@ def import_scene(
         else:
             scene, messages = load_scene(source, annotations, annotated=False), ()
         scene = _without_unreadable(scene)
-        key_frames = choose_key_frames(scene, points_by_image(model) if model else {})
+        to_annotate = [] if scene.key_frames else choose_key_frames(scene, points_by_image(model) if model else {})
         scale = None
         if depth_scale is not None:
             scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
@@ -83,13 +83,13 @@ def import_scene(
             scene = replace(scene, root=Path(work))
         observer.stage("writing")
         names = write_scene(scene, filled, "native", "native")
-        if key_frames:
-            write_key_frame_files(filled, scene, key_frames, names)
+        if to_annotate:
+            write_key_frame_files(filled, scene, to_annotate, names)
     if not scene.key_frames:
         messages = (
             *messages,
-            f"not annotated yet: annotate the {len(key_frames)} images of {out / 'images'} that {out / LIST} names "
-            f"({SHEET} shows them), and put the tool's export into {out}",
+            f"not annotated yet: annotate images in {out / 'images'}, best the {len(to_annotate)} that {out / LIST} names "
+            f"and {SHEET} shows, and put the tool's export into {out}",
         )
     return Imported(scene, messages)
 

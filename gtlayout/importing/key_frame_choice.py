@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.geometry.overlap import overlap, share_seen
+from gtlayout.geometry.overlap import at_inverse_depth, image_motion, share_seen
 from gtlayout.importing.frame_extraction import sharpness
 from gtlayout.io.pixels.images import read_rgb
 from gtlayout.scene import FloatArray, Frame, Scene
@@ -27,8 +27,8 @@ WINDOW = 0.25
 """Of the way from one key frame to the next: so far from its place the sharpest frame is looked for."""
 CANDIDATES = 9
 """At most so many are decoded for a place."""
-STANDING = 1e-3
-"""Share of the view that counts as seen anew from one frame to the next where the camera stands still."""
+STANDING = 1e-4
+"""Share of the image that things move by, at least, from one frame to the next: a camera that stands moves on, too."""
 ROOM_DEPTH_M = 2.5
 """How far away a room's surfaces are, where nothing says it."""
 PATH_DEPTH = 2.0
@@ -52,15 +52,30 @@ class Choice:
 def choose_key_frames(scene: Scene, points_world: Mapping[str, FloatArray]) -> list[Choice]:
     """About eight frames of a scene, in order of the video; all where there are no more.
 
-    Even along the path, which is measured by how much of the view is new from frame to frame; the second follows the
-    first closely; each is the sharpest around its place. ``points_world``: (N, 3) points that a frame sees, by its
+    Even along the path, which is measured by how far things move in the image from frame to frame; the second follows
+    the first closely; each is the sharpest around its place. ``points_world``: (N, 3) points that a frame sees, by its
     name; what frames without have in common follows from poses, fields of view and a usual depth. Frames that cannot
     be read are not chosen.
     """
-    share = _shares(scene.frames, points_world, _usual_inverse_depth(scene))
-    sharp = cache(lambda index: _sharpness(scene.frames[index]))
-    seen_anew = [1 - share(after, before) + STANDING for before, after in pairwise(range(len(scene.frames)))]
-    path = np.concatenate([np.zeros(1), np.cumsum(seen_anew)])
+    frames, rho = scene.frames, _usual_inverse_depth(scene)
+
+    def seen(index: int) -> tuple[FloatArray, float]:
+        points = points_world.get(frames[index].name)
+        if points is not None and len(points) >= POINTS_ENOUGH:
+            return points, 1.0
+        return at_inverse_depth(frames[index].camera, rho), rho
+
+    @cache
+    def share(a: int, b: int) -> float:
+        points, scale = seen(a)
+        return share_seen(points, frames[b].camera, scale)
+
+    sharp = cache(lambda index: _sharpness(frames[index]))
+    moved = []
+    for before, after in pairwise(range(len(frames))):
+        points, scale = seen(before)
+        moved.append(image_motion(points, frames[before].camera, frames[after].camera, scale) + STANDING)
+    path = np.concatenate([np.zeros(1), np.cumsum(moved)])
     chosen: list[Choice] = []
     for count in range(min(COUNT, len(path)), min(MOST, len(path)) + 1):
         chosen = _choose(path, count, share, sharp)
@@ -112,21 +127,6 @@ def _second(path: FloatArray, first: int, step: float, share: Callable[[int, int
             break
         place = path[index]
     return float(place)
-
-
-def _shares(
-    frames: tuple[Frame, ...], points_world: Mapping[str, FloatArray], rho: float
-) -> Callable[[int, int], float]:
-    """(a, b) → share of what frame a shows that frame b shows, too."""
-
-    @cache
-    def share(a: int, b: int) -> float:
-        seen = points_world.get(frames[a].name)
-        if seen is not None and len(seen) >= POINTS_ENOUGH:
-            return share_seen(seen, frames[b].camera)
-        return overlap(frames[a].camera, frames[b].camera, rho)
-
-    return share
 
 
 def _usual_inverse_depth(scene: Scene) -> float:
