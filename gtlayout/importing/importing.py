@@ -88,8 +88,8 @@ def import_scene(
     if not scene.key_frames:
         messages = (
             *messages,
-            f"not annotated yet: annotate images in {out / 'images'}, best the {len(to_annotate)} that {out / LIST} names "
-            f"and {SHEET} shows, and put the tool's export into {out}",
+            f"not annotated yet: annotate images in {out / 'images'}, best the {len(to_annotate)} that {out / LIST} "
+            f"names and {SHEET} shows, and put the tool's export into {out}",
         )
     return Imported(scene, messages)
 
