@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,7 +88,9 @@ def _folded(name: str) -> str:
 
 
 def _spaced(name: str) -> str:
-    """Runs of blanks and signs as one ``_``, none at either end of the name or its ending."""
+    """Runs of blanks and signs as one ``_``, none at either end of the name or its ending; empty without any letter."""
+    if not re.search(r"[^\W_]", stem(name)):
+        return ""
     return re.sub(r"_?\._?", ".", re.sub(r"[^\w.]+|_+", "_", re.sub(r"[^\w.]|_", "_", _folded(name)))).strip("_.")
 
 
@@ -182,6 +184,19 @@ class FilesOnDisk:
 
     def __init__(self) -> None:
         self._listed: dict[Path, tuple[list[str], NameIndex]] = {}
+
+    def find_each(self, candidates: Sequence[Sequence[Path]]) -> list[Path | None]:
+        """(N,) for each of N lists of paths the first that ``find`` finds, as it is spelled first of all.
+
+        No file is given away twice for its spelling, nor where it is in another list as it is spelled.
+        """
+        spelled = [next((path for path in paths if path.is_file()), None) for paths in candidates]
+        meant = [
+            exact or next((found for path in paths if (found := self.find(path))), None)
+            for exact, paths in zip(spelled, candidates, strict=True)
+        ]
+        taken = Counter(meant)
+        return [exact or (path if taken[path] == 1 else None) for exact, path in zip(spelled, meant, strict=True)]
 
     def find(self, path: Path) -> Path | None:
         """The file ``path``, or the one that is meant by it: None when there is none, or more than one."""

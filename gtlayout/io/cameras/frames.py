@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -64,16 +63,9 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
 
 
 def _on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
-    """The images, those whose file is called a little otherwise with the path that it has.
-
-    A file is not taken that is another camera's already, or that two cameras could mean.
-    """
-    meant = [None if image.is_there else files.find(image.image_path) for image in images]
-    taken = Counter([image.image_path for image in images if image.is_there] + [path for path in meant if path])
-    return [
-        replace(image, image_path=path) if path is not None and taken[path] == 1 else image
-        for image, path in zip(images, meant, strict=True)
-    ]
+    """The images, those whose file is spelled otherwise on disk with the path that it has."""
+    paths = files.find_each([[] if image.video is not None else [image.image_path] for image in images])
+    return [replace(image, image_path=path) if path else image for image, path in zip(images, paths, strict=True)]
 
 
 def _frame(root: Path, image: PosedImage, files: FilesOnDisk) -> Frame:
