@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from gtlayout.io.cameras.colmap.reader import write_colmap
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.io.image_names import FilesOnDisk, NameIndex, NameMatch, parts_of, path_of_address
 from gtlayout.io.scene_folder import load_scene
@@ -53,38 +55,37 @@ def test_parts_of_paths(name: str, parts: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("there", "wanted"),
+    ("there", "wanted", "exact"),
     [
-        (COMPOSED, DECOMPOSED),
-        (DECOMPOSED, COMPOSED),
-        ("IMG_1.JPG", "img_1.jpg"),
-        ("000030.jpg", "000030"),
-        ("000030.jpg", "30"),
-        ("30.jpg", "000030.png"),
-        ("frame_000030.jpg", "frame_30"),
-        ("a.b.jpg", "a.b"),
-        ("scan (0).jpg", "scan_(0).jpg"),
-        ("scan (0).jpg", "scan%20(0).jpg"),
-        ("scan%20(0).jpg", "scan (0).jpg"),
-        ("scan (0).jpg", "ab12cd34-scan_0.jpg"),
-        ("a(b)c.jpg", "ab12cd34-abc.jpg"),
-        ("ab12cd34-scan_0.jpg", "scan (0).jpg"),
-        ("scan (0).jpg", "/data/local-files/?d=dir%2Fscan%20(0).jpg"),
-        ("scan 0.jpg", "https://host/x/ab12cd34-scan_0.jpg?sig=1"),
-        (COMPOSED, "ab12cd34-Ku\u0308che.jpg"),
-        ("scan.png", "scan_png.rf.0123456789abcdef0123456789abcdef.jpg"),
-        ("scan (1).jpg", "scan-1-_jpg.rf.AbC0123.jpg"),
-        ("scan_jpg.rf.0123456789abcdef.jpg", "scan.jpg"),
-        ("scan.jpg", "scan.jpg.png"),
-        ("2024-01-02.jpg", "2024_01_02"),
+        (COMPOSED, DECOMPOSED, True),
+        (DECOMPOSED, COMPOSED, True),
+        ("IMG_1.JPG", "img_1.jpg", False),
+        ("000030.jpg", "000030", False),
+        ("000030.jpg", "30", False),
+        ("30.jpg", "000030.png", False),
+        ("frame_000030.jpg", "frame_30", False),
+        ("a.b.jpg", "a.b", False),
+        ("scan (0).jpg", "scan_(0).jpg", False),
+        ("scan (0).jpg", "scan%20(0).jpg", True),
+        ("scan%20(0).jpg", "scan (0).jpg", True),
+        ("scan (0).jpg", "ab12cd34-scan_0.jpg", False),
+        ("a(b)c.jpg", "ab12cd34-abc.jpg", False),
+        ("ab12cd34-scan_0.jpg", "scan (0).jpg", False),
+        ("scan (0).jpg", "/data/local-files/?d=dir%2Fscan%20(0).jpg", True),
+        ("scan 0.jpg", "https://host/x/ab12cd34-scan_0.jpg?sig=1", False),
+        (COMPOSED, "ab12cd34-Ku\u0308che.jpg", True),
+        ("scan.png", "scan_png.rf.0123456789abcdef0123456789abcdef.jpg", True),
+        ("scan (1).jpg", "scan-1-_jpg.rf.AbC0123.jpg", False),
+        ("scan_jpg.rf.0123456789abcdef.jpg", "scan.jpg", True),
+        ("scan.jpg", "scan.jpg.png", True),
+        ("2024-01-02.jpg", "2024_01_02", False),
     ],
 )
-def test_one_image_by_two_names(there: str, wanted: str) -> None:
+def test_one_image_by_two_names(there: str, wanted: str, *, exact: bool) -> None:
     names = NameIndex(["other.jpg", there, "third.jpg"])
     found = names.find(wanted)
     assert found is not None
-    assert found.places == (1,)
-    assert found.exact == (wanted in (COMPOSED, DECOMPOSED) or "local-files" in wanted)
+    assert found == NameMatch((1,), exact, other_folder=False)
 
 
 @pytest.mark.parametrize(
@@ -171,6 +172,25 @@ def test_cameras_find_images_that_the_disk_spells_otherwise(tiny: Path, *, with_
     assert [frame.image_path.name for frame in scene.frames] == [on_disk for _, on_disk in spelled]
     assert [key_frame.frame for key_frame in scene.key_frames] == [1, 3]
     assert scene.warnings == before.warnings
+
+
+@pytest.mark.parametrize("folder", ["images", "."])
+def test_colmaps_names_find_files_that_the_disk_spells_otherwise(tiny: Path, folder: str) -> None:
+    scene = load_scene(tiny)
+    (tiny / "transforms.json").unlink()
+    write_colmap(
+        tiny / "sparse/0", [replace(f, name=f"K\u00fcche {i}.png") for i, f in enumerate(scene.frames)], binary=True
+    )
+    for i in range(5):
+        (tiny / f"images/{i:03d}.png").rename(tiny / folder / f"Ku\u0308che_{i:03d}.PNG")
+    annotations = read_json(tiny / "annotations.json")
+    for key_frame, i in zip(annotations["frames"], (1, 3), strict=True):
+        key_frame["image"] = f"9f8e7d6c-Ku\u0308che_{i}.png"
+    write_json_atomic(tiny / "annotations.json", annotations)
+    again = load_scene(tiny)
+    assert [frame.name for frame in again.frames] == [f"K\u00fcche {i}.png" for i in range(5)]
+    assert [key_frame.frame for key_frame in again.key_frames] == [1, 3]
+    assert again.warnings == scene.warnings
 
 
 def test_a_file_of_another_camera_is_not_taken(tiny: Path) -> None:
