@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -15,6 +16,7 @@ from gtlayout.importing.metric_scale import Scale
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.files import read_json
+from gtlayout.io.image_names import NameIndex
 from gtlayout.scene import Camera, FloatArray, Frame, Scene
 
 SIGMA_MARK_PX = 1.0
@@ -53,9 +55,9 @@ def scale_from_distance(scene: Scene, path: Path) -> Scale:
         raise GtlayoutError(f"{path}: metres must be a positive number up to {MAX_METRES:.0f}, not {metres!r}")
     if not isinstance(points, list) or len(points) != 2:
         raise GtlayoutError(f"{path}: points must be a list of two: {FORM}")
-    frames = {frame.name: frame for frame in scene.frames}
+    names = NameIndex([frame.name for frame in scene.frames])
     (first, cov_first), (second, cov_second) = (
-        _triangulated(_marks(point, frames, f"{path}, point {i}"), f"{path}, point {i}")
+        _triangulated(_marks(point, scene.frames, names, f"{path}, point {i}"), f"{path}, point {i}")
         for i, point in enumerate(points, start=1)
     )
     between = second - first
@@ -69,16 +71,16 @@ def scale_from_distance(scene: Scene, path: Path) -> Scale:
     return Scale(metres / distance, sigma / distance, f"a known distance of {metres:g} m")
 
 
-def _marks(point: Any, frames: dict[str, Frame], where: str) -> list[_Mark]:
+def _marks(point: Any, frames: Sequence[Frame], names: NameIndex, where: str) -> list[_Mark]:
     if not isinstance(point, dict) or len(point) < 2:
         raise GtlayoutError(f"{where} must be marked in two or more frames: {FORM}")
     marks = []
     for name, value in point.items():
-        frame = frames.get(name)
-        if frame is None:
-            raise GtlayoutError(
-                f"{where}: no frame {name} in the scene; its frames are called {next(iter(frames))} and so on"
-            )
+        match = names.find(name)
+        if match is None or len(match.places) > 1:
+            no = "no frame" if match is None else "more than one frame"
+            raise GtlayoutError(f"{where}: {no} {name} in the scene; its frames are called {frames[0].name} and so on")
+        frame = frames[match.places[0]]
         if not isinstance(value, list) or len(value) != 2 or not all(map(_is_number, value)):
             raise GtlayoutError(f"{where}, frame {name}: must be [x, y] in pixels, not {value!r}")
         lens = frame.undistort if isinstance(frame.undistort, Undistortion | Upright) else None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ class NameMatch:
     places: tuple[int, ...]
     """Of equally good names, ascending; usually one."""
     exact: bool
-    """Whether the whole file name is the same, with its ending, however accents are encoded."""
+    """Whether the file name is the same with its ending, apart from what a tool added to it."""
     other_folder: bool
     """Whether both names have folders, and the nearest folder that is left to compare differs."""
 
@@ -78,6 +78,21 @@ def stem(name: str) -> str:
     return ENDING.sub("", name)
 
 
+def _unchanged(_file: str) -> list[str]:
+    return []
+
+
+def originals(file: str) -> list[str]:
+    """What a file may have been called before a tool got it, the most likely first."""
+    decoded = unquote(file)
+    found = [decoded] if decoded != file else []
+    for name in (file, decoded):
+        if match := RESIZED.fullmatch(name):
+            found.append(f"{match[1]}.{match[2]}")
+        found += [match[1] for pattern in (UPLOADED, TWO_ENDINGS) if (match := pattern.fullmatch(name))]
+    return list(dict.fromkeys(found))
+
+
 def composed(name: str) -> str:
     """Letters with accents as one character each (NFC)."""
     return unicodedata.normalize("NFC", name)
@@ -88,7 +103,9 @@ def _folded(name: str) -> str:
 
 
 def _spaced(name: str) -> str:
-    """Runs of blanks and signs as one ``_``, none at either end of the name or its ending."""
+    """Runs of blanks and signs as one ``_``, none at either end of the name or its ending; empty without any letter."""
+    if not re.search(r"[^\W_]", stem(name)):
+        return ""
     return re.sub(r"_?\._?", ".", re.sub(r"[^\w.]+|_+", "_", re.sub(r"[^\w.]|_", "_", _folded(name)))).strip("_.")
 
 
@@ -98,16 +115,17 @@ def _squeezed(name: str) -> str:
 
 
 def _unpadded(name: str) -> str:
-    return re.sub(r"0*(\d+)", r"\1", _spaced(stem(name)))
+    """Numbers without the zeros before them."""
+    return re.sub(r"0*(\d+)", r"\1", _spaced(name))
 
 
-SPELLINGS: tuple[Callable[[str], str], ...] = (str, composed, _folded, _spaced)
+SPELLINGS: tuple[Callable[[str], str], ...] = (str, composed, _folded, _spaced, _unpadded)
 """What two file names are compared by, the most telling first: the ending belongs to the name."""
 LOOSE: tuple[Callable[[str], str], ...] = (
     lambda name: _folded(stem(name)),
     lambda name: _spaced(stem(name)),
     _squeezed,
-    _unpadded,
+    lambda name: _unpadded(stem(name)),
 )
 """Where the ending does not: a tool may leave it out, or show a converted copy."""
 
@@ -118,7 +136,7 @@ class NameIndex:
     def __init__(self, names: Sequence[str], *, of_files: bool = False) -> None:
         """``of_files``: of one folder; endings count, and files that tools made of others are files of their own."""
         self._keys = SPELLINGS if of_files else (*SPELLINGS, *LOOSE)
-        self._originals = _unchanged if of_files else _originals
+        self._originals = _unchanged if of_files else originals
         self._folders: list[tuple[str, ...]] = []
         # Of each key: names as they are, and as they were before a tool changed them.
         self._plain: list[dict[str, list[int]]] = [defaultdict(list) for _ in self._keys]
@@ -141,8 +159,7 @@ class NameIndex:
             for key, table in zip(self._keys, tables, strict=True):
                 # A name of nothing but signs has an empty key, and may be any other of that kind.
                 if found := table.get(key(form) or file):
-                    exact = form is file and tables is self._plain and key in (str, composed)
-                    return self._nearest(found, tuple(map(_spaced, folders)), exact)
+                    return self._nearest(found, tuple(map(_spaced, folders)), key in (str, composed))
         return None
 
     def _nearest(self, places: Sequence[int], folders: tuple[str, ...], exact: bool) -> NameMatch:
@@ -162,26 +179,24 @@ def _backwards(one: tuple[str, ...], other: tuple[str, ...]) -> Iterator[tuple[s
     return zip(reversed(one), reversed(other), strict=False)
 
 
-def _unchanged(_file: str) -> list[str]:
-    return []
-
-
-def _originals(file: str) -> list[str]:
-    """What a file may have been called before a tool got it, the most likely first."""
-    decoded = unquote(file)
-    found = [decoded] if decoded != file else []
-    for name in (file, decoded):
-        if match := RESIZED.fullmatch(name):
-            found.append(f"{match[1]}.{match[2]}")
-        found += [match[1] for pattern in (UPLOADED, TWO_ENDINGS) if (match := pattern.fullmatch(name))]
-    return list(dict.fromkeys(found))
-
-
 class FilesOnDisk:
     """Finds files whose names are spelled otherwise on disk; every folder is listed once."""
 
     def __init__(self) -> None:
         self._listed: dict[Path, tuple[list[str], NameIndex]] = {}
+
+    def find_each(self, candidates: Sequence[Sequence[Path]]) -> list[Path | None]:
+        """(N,) for each of N lists of paths the first that ``find`` finds, as it is spelled first of all.
+
+        No file is given away twice for its spelling, nor where it is in another list as it is spelled.
+        """
+        spelled = [next((path for path in paths if path.is_file()), None) for paths in candidates]
+        meant = [
+            exact or next((found for path in paths if (found := self.find(path))), None)
+            for exact, paths in zip(spelled, candidates, strict=True)
+        ]
+        taken = Counter(meant)
+        return [exact or (path if taken[path] == 1 else None) for exact, path in zip(spelled, meant, strict=True)]
 
     def find(self, path: Path) -> Path | None:
         """The file ``path``, or the one that is meant by it: None when there is none, or more than one."""

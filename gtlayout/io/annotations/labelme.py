@@ -90,8 +90,8 @@ def _key_frame(path: Path, notes: Notes) -> RawKeyFrame:
     shapes = data.get("shapes")
     if not isinstance(shapes, list):
         raise GtlayoutError(f"{path}: shapes must be a list" + ("" if "shapes" in data else ", it is missing"))
-    # Relative to the file, on Windows with backslashes; it is looked for among the frames, never opened.
-    image = re.sub(r"\A(\.{0,2}/)+", "", (name(data.get("imagePath")) or "").replace("\\", "/")) or path.stem
+    # Relative to the file; it is looked for among the frames, never opened.
+    image = name(data.get("imagePath")) or path.stem
     found = []
     for shape in shapes:
         try:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from gtlayout.io.image_names import parts_of, stem
+from gtlayout.io.image_names import originals, parts_of, stem
 from gtlayout.io.sources import RawAnnotations
 
 NUMBER = re.compile(r"(?:frame_?)?(\d{1,18})", re.IGNORECASE)
@@ -59,9 +59,10 @@ def sequence_of(annotations: RawAnnotations) -> AnnotatedSequence | None:
 
 
 def number_of(name: str) -> int | None:
-    """The number that an image is called by; None when its name is more than that."""
-    match = NUMBER.fullmatch(stem((parts_of(name) or ("",))[-1]))
-    return int(match[1]) if match else None
+    """The number that an image is called by, apart from what a tool added; None when its name is more than that."""
+    file = (parts_of(name) or ("",))[-1]
+    matches = (NUMBER.fullmatch(stem(form)) for form in (file, *originals(file)))
+    return next((int(match[1]) for match in matches if match), None)
 
 
 def counts_evenly(numbers: Sequence[int]) -> bool:

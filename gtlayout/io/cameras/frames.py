@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -14,11 +13,11 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import undistortion
-from gtlayout.io.cameras.upright import Turned, camera_is_of_shown, upright
+from gtlayout.io.cameras.upright import Turned, header_with_tag, is_of_shown, orientation_lines, upright
 from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
-from gtlayout.io.pixels.turn import AS_STORED, Header, read_header
+from gtlayout.io.pixels.turn import AS_STORED, Header
 from gtlayout.io.sources import PosedImage
 from gtlayout.scene import Camera, Frame
 
@@ -57,10 +56,10 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
             f"{root}: {len(present)} frames with camera and image file, at least {MIN_FRAMES} are needed "
             f"({len(ordered)} cameras)"
         )
-    headers = [_header(image) for image in present]
-    _check_sizes([image for image, header in zip(present, headers, strict=True) if not _is_of_shown(image, header)])
+    headers = [header_with_tag(image) for image in present]
+    _check_sizes([image for image, header in zip(present, headers, strict=True) if not is_of_shown(image, header)])
     frames = tuple(_frame(root, image, header, files) for image, header in zip(present, headers, strict=True))
-    warnings += _orientation_lines(present, headers)
+    warnings += orientation_lines(present, headers)
     if (root / "depth").is_dir() and not any(frame.depth_path for frame in frames):
         warnings.append(
             f"{root / 'depth'} holds no map for any frame; looked for {_depth_path(root, present[0])} and so on"
@@ -68,44 +67,10 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     return frames, tuple(image.name for image in missing), warnings
 
 
-def _header(image: PosedImage) -> Header | None:
-    """What the image file says of its orientation; None where it says nothing, or is no file."""
-    header = read_header(image.image_path) if image.video is None else None
-    return header if header and header.turn != AS_STORED else None
-
-
-def _is_of_shown(image: PosedImage, header: Header | None) -> bool:
-    return header is not None and camera_is_of_shown(header, (image.camera.width, image.camera.height))
-
-
-def _orientation_lines(images: Sequence[PosedImage], headers: Sequence[Header | None]) -> list[str]:
-    """One line per orientation and reading of the cameras: how it was read, and how sure that is."""
-    groups: dict[tuple[str, bool], list[PosedImage]] = defaultdict(list)
-    for image, header in zip(images, headers, strict=True):
-        if header is not None:
-            groups[header.turn.says(), _is_of_shown(image, header)].append(image)
-    return [
-        f"{len(group)} images have an orientation tag (EXIF): {says} when shown, first {group[0].image_path}; their "
-        + (
-            "cameras are of the images as shown, by their size"
-            if of_shown
-            else "cameras are taken to be of the pixels as stored, which COLMAP and nerfstudio read"
-        )
-        for (says, of_shown), group in groups.items()
-    ]
-
-
 def _on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
-    """The images, those whose file is called a little otherwise with the path that it has.
-
-    A file is not taken that is another camera's already, or that two cameras could mean.
-    """
-    meant = [None if image.is_there else files.find(image.image_path) for image in images]
-    taken = Counter([image.image_path for image in images if image.is_there] + [path for path in meant if path])
-    return [
-        replace(image, image_path=path) if path is not None and taken[path] == 1 else image
-        for image, path in zip(images, meant, strict=True)
-    ]
+    """The images, those whose file is spelled otherwise on disk with the path that it has."""
+    paths = files.find_each([[] if image.video is not None else [image.image_path] for image in images])
+    return [replace(image, image_path=path) if path else image for image, path in zip(images, paths, strict=True)]
 
 
 def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnDisk) -> Frame:
@@ -129,7 +94,7 @@ def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnD
     )
     if header is None:
         return Frame(image.name, image.image_path, seen, lens, depth_path, register, image.video)
-    turned = upright(header, lens, (image.camera.width, image.camera.height))
+    turned = upright(header, lens, of_shown=is_of_shown(image, header))
     camera = seen if turned.after == AS_STORED else turned.after.camera(seen)
     register_turned = Turned(register, turned.after) if register else None
     return Frame(image.name, image.image_path, camera, turned, depth_path, register_turned)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,8 @@ import numpy.typing as npt
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import Undistortion
-from gtlayout.io.pixels.turn import AS_STORED, Header, Turn
+from gtlayout.io.pixels.turn import AS_STORED, Header, Turn, read_header
+from gtlayout.io.sources import PosedImage
 from gtlayout.scene import FloatArray
 
 
@@ -82,17 +84,40 @@ class Turned:
         return self.turn.image(self.resample(image))
 
 
-def upright(header: Header, lens: Undistortion | None, camera_size: tuple[int, int]) -> Upright:
-    """The way of an image to its frame, for a camera file that says (width, height) px.
+def header_with_tag(image: PosedImage) -> Header | None:
+    """What the image file says of its orientation; None where it says nothing, or is no file."""
+    header = read_header(image.image_path) if image.video is None else None
+    return header if header and header.turn != AS_STORED else None
+
+
+def is_of_shown(image: PosedImage, header: Header | None) -> bool:
+    """Whether the size of the image's camera says that it is of the image as shown, and not as stored."""
+    size = (image.camera.width, image.camera.height)
+    return header is not None and size != header.size and size == header.turn.size(header.size)
+
+
+def upright(header: Header, lens: Undistortion | None, *, of_shown: bool) -> Upright:
+    """The way of an image to its frame, whose camera is of the image as shown or as stored.
 
     A mirrored image stays as stored: no camera sees a mirrored room.
     """
-    of_shown = camera_is_of_shown(header, camera_size)
     before = header.turn if of_shown else AS_STORED
     after = AS_STORED if of_shown or header.turn.is_mirrored else header.turn
     return Upright(header.turn, *header.size, (lens,) if lens else (), before, after)
 
 
-def camera_is_of_shown(header: Header, camera_size: tuple[int, int]) -> bool:
-    """Whether a camera's size says that it is of the image as shown, and not as stored."""
-    return camera_size != header.size and camera_size == header.turn.size(header.size)
+def orientation_lines(images: Sequence[PosedImage], headers: Sequence[Header | None]) -> list[str]:
+    """One line per orientation and reading of the cameras: how it was read, and how sure that is."""
+    groups: dict[tuple[str, bool], list[PosedImage]] = defaultdict(list)
+    for image, header in zip(images, headers, strict=True):
+        if header is not None:
+            groups[header.turn.says(), is_of_shown(image, header)].append(image)
+    return [
+        f"{len(group)} images have an orientation tag (EXIF): {says} when shown, first {group[0].image_path}; their "
+        + (
+            "cameras are of the images as shown, by their size"
+            if of_shown
+            else "cameras are taken to be of the pixels as stored, which COLMAP and nerfstudio read"
+        )
+        for (says, of_shown), group in groups.items()
+    ]

@@ -36,7 +36,8 @@ def read_label_studio(_root: Path, path: Path) -> RawAnnotations:
     if not key_frames:
         why = f" ({lines[0].removeprefix(f'{path.name}: ')})" if lines else ""
         raise GtlayoutError(f"{path}: no annotated image among {len(tasks)} tasks{why}")
-    return RawAnnotations(path, tuple(key_frames), tuple(lines))
+    listed = tuple(image for task in tasks if isinstance(task, dict) for image in _images_of(task, []) or [])
+    return RawAnnotations(path, tuple(key_frames), tuple(lines), listed=listed)
 
 
 def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
@@ -47,7 +48,7 @@ def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
     results = _results(task, where, notes) if isinstance(data, dict) else _flat_results(task, where, notes)
     if results is None:
         return []
-    images = _images(data if isinstance(data, dict) else task, results)
+    images = _images_of(task, results)
     if images is None:
         notes.add("task skipped: none of its data fields, or more than one, names an image", where)
         return []
@@ -112,8 +113,9 @@ def _is_region(value: Any) -> bool:
     return isinstance(value, dict) and "text" not in value
 
 
-def _images(data: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None:
+def _images_of(task: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None:
     """Names of the task's images: of the field a result says it is about, else of the one that looks like images."""
+    data = task["data"] if isinstance(task.get("data"), dict) else task
     fields = {key: urls for key, value in data.items() if (urls := _urls(value))}
     declared = [
         result[key].removeprefix("$")
