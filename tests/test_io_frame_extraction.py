@@ -11,6 +11,8 @@ from videos import number_in, pictures, write_video
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.frame_extraction import extract_frames, frame_name, sharpness, time_of
+from gtlayout.io.cameras.upright import Upright
+from gtlayout.io.pixels.video import Video
 from gtlayout.scene import ImageArray
 
 COUNT = 30
@@ -93,3 +95,16 @@ def test_annotated_frames_are_taken_instead_of_the_sharpest(tmp_path: Path) -> N
     image = cv2.imread(str(tmp_path / "images" / found.names[1]))
     assert image is not None
     assert number_in(image.astype(np.uint8)) == 8
+
+
+@pytest.mark.parametrize("degrees", [0, 90, 180, 270])
+def test_origins_know_how_the_video_is_turned(degrees: int, tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", pictures(3), options={"crf": "10"}, display_degrees=degrees)
+    origin = extract_frames(video, tmp_path / "images", 100.0).origins[1]
+    assert isinstance(origin.resampled, Upright)
+    shown = Video(video).frame(1)
+    assert origin.resampled.shown_size == shown.shape[1::-1]
+    assert origin.resampled.size == (160, 96)
+    stored = origin.resampled.shown.inverse.image(shown)
+    assert stored[:32, :48].mean() > 200  # the corner that is white as it was encoded
+    assert np.array_equal(origin.resampled(stored), shown)

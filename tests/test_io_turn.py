@@ -227,3 +227,27 @@ def test_check_names_images_with_an_orientation(tiny: Path, capfd: pytest.Captur
     said = " ".join(capfd.readouterr().out.split())
     assert "5 images have an orientation tag (EXIF): turned by 180° when shown" in said
     assert "annotations.json: 2 annotated images have an orientation tag (EXIF), first 001.png" in said
+
+
+def test_images_that_are_not_what_they_are_called_are_coded_anew(tiny: Path, edit_json: Edit) -> None:
+    """Browsers and phones save WebP and HEIC as .jpg."""
+    for path in sorted((tiny / "images").iterdir()):
+        with Image.open(path) as image:
+            image.save(path.with_suffix(".webp"), lossless=True)
+        path.unlink()
+        path.with_suffix(".webp").rename(path.with_suffix(".jpg"))
+    edit_json(
+        tiny / "transforms.json", lambda d: [f.update(file_path=f["file_path"][:-4] + ".jpg") for f in d["frames"]]
+    )
+    assert main(["import", str(tiny), str(tiny / "out")]) == 0
+    for path in (tiny / "out/images").iterdir():
+        with Image.open(path) as image:
+            assert image.format == "JPEG"
+
+
+@pytest.mark.parametrize("content", [b"no image", b""])
+def test_a_damaged_image_costs_itself(tiny: Path, content: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    (tiny / "images/002.png").write_bytes(content)
+    assert main(["import", str(tiny), str(tiny / "out")]) == 0
+    assert "002.png: damaged, or not an image: left out" in capfd.readouterr().out
+    assert len(load_scene(tiny / "out").frames) == 4

@@ -18,6 +18,7 @@ from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, spa
 from gtlayout.importing.structure_from_motion import reconstruct
 from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
 from gtlayout.io.files import new_folder
+from gtlayout.io.pixels.exports import is_copied
 from gtlayout.io.pixels.images import read_rgb
 from gtlayout.io.scene_folder import annotated_numbers, load_scene, scene_of
 from gtlayout.io.sources import PosedImages
@@ -153,8 +154,8 @@ def _without_unreadable(scene: Scene) -> Scene:
 
 
 def _unreadable(frame: Frame) -> str | None:
-    if frame.undistort is None and frame.video is None:
-        return None  # Its file is copied as it is.
+    if is_copied(frame):
+        return None
     try:
         read_rgb(frame)
     except GtlayoutError as error:
