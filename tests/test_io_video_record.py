@@ -15,12 +15,13 @@ from videos import cvat_video, pictures, write_video
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.json_schema import schema_of
 from gtlayout.io.pixels.turn import TURNS
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.io.video_record import FILE, VideoRecord, with_origins
+from gtlayout.io.video_record import FILE, VideoRecord, with_origins, write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
-from gtlayout.scene import FloatArray
+from gtlayout.scene import FloatArray, VideoOrigin
 
 Edit = Callable[[Path, Callable[[Any], object]], None]
 LENS = Undistortion("SIMPLE_RADIAL", 66, 50, (60.0, 33.0, 25.0, -0.1))
@@ -128,6 +129,38 @@ def test_what_is_written_again_remembers_the_video(tiny: Path, tmp_path: Path, e
     first = (tmp_path / "again" / FILE).read_bytes()
     write_scene(load_scene(tmp_path / "again"), tmp_path / "third", "native", "native")
     assert (tmp_path / "third" / FILE).read_bytes() == first
+
+
+def test_lenses_removed_one_after_the_other_are_all_remembered(tiny: Path, tmp_path: Path, edit_json: Edit) -> None:
+    lens = {"model": "SIMPLE_RADIAL", "width": 64, "height": 48, "params": [60.0, 32.0, 24.0, 0.1]}
+    of_video = record(lenses=[lens])
+    width, height = (int(x) for x in Undistortion(*_lens(lens)).target.calibration_matrix()[:2, 2] * 2)
+    for frame in of_video["frames"]:
+        frame["lenses"] = [0]
+        cv2.imwrite(str(tiny / "images" / frame["image"]), np.zeros((height, width, 3), dtype=np.uint8))
+    (tiny / FILE).write_text(json.dumps(of_video))
+    edit_json(tiny / "transforms.json", lambda d: d.update(k1=-0.1, w=width, h=height, cx=width / 2, cy=height / 2))
+    annotate_video(tiny, 40, (64, 48))
+    before = drawn(tiny)
+    write_scene(load_scene(tiny), tmp_path / "again", "native", "native")
+    written = json.loads((tmp_path / "again" / FILE).read_text())
+    assert [frame["lenses"] for frame in written["frames"]] == [[0, 1]] * 5
+    annotate_video(tmp_path / "again", 40, (64, 48))
+    assert same_corners(drawn(tmp_path / "again")["004.png"], before["004.png"])
+
+
+def _lens(of: dict[str, Any]) -> tuple[str, int, int, tuple[float, ...]]:
+    return of["model"], of["width"], of["height"], tuple(of["params"])
+
+
+def test_images_of_several_videos_are_not_recorded(tmp_path: Path) -> None:
+    way = Upright(TURNS[0], 64, 48, (), TURNS[0], TURNS[0])
+    origins = {f"{name}.jpg": VideoOrigin(f"{name}.mp4", 0, 0.0, 5, way) for name in "ab"}
+    write_video_record(tmp_path, origins)
+    write_video_record(tmp_path, {})
+    assert list(tmp_path.iterdir()) == []
+    write_video_record(tmp_path, {"a.jpg": origins["a.jpg"]})
+    assert [path.name for path in tmp_path.iterdir()] == [FILE]
 
 
 def test_frames_read_from_a_video_are_recorded(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from videos import pictures
 
 from gtlayout.cli.app import main
 from gtlayout.geometry.overlap import overlap, share_seen
-from gtlayout.importing.key_frame_choice import COUNT, MIN_OVERLAP, MOST, SECOND_OVERLAP, choose_key_frames
+from gtlayout.importing.key_frame_choice import COUNT, MIN_OVERLAP, MOST, SECOND_OVERLAP, Choice, choose_key_frames
 from gtlayout.importing.key_frame_files import contact_sheet
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import Camera, FloatArray, Frame, Scene, VideoOrigin
@@ -64,12 +64,17 @@ def test_the_path_is_covered_evenly_and_the_second_overlaps_the_first(tmp_path: 
 
 
 def test_more_are_taken_where_eight_would_not_overlap(tmp_path: Path) -> None:
-    def count(degrees: float) -> int:
+    def chosen(degrees: float) -> list[Choice]:
+        blurred = frozenset(i for i in range(80) if i % 5)
         cameras = [turned(yaw) for yaw in np.linspace(0, degrees, 80)]
-        return len(choose_key_frames(scene_of(tmp_path, cameras), {}))
+        return choose_key_frames(scene_of(tmp_path, cameras, blurred), {})
 
-    assert count(90) == COUNT
-    assert COUNT < count(400) <= MOST
+    assert len(chosen(90)) == COUNT
+    far = chosen(400)
+    assert COUNT < len(far) <= MOST
+    assert far[1].shared is not None
+    assert far[2].shared is not None
+    assert far[2].shared < SECOND_OVERLAP <= far[1].shared
 
 
 def test_the_sharpest_around_a_place_is_taken(tmp_path: Path) -> None:

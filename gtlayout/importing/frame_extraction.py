@@ -110,7 +110,7 @@ def _taken(
             if index in annotated:
                 has_annotated = True
                 yield index, image
-            elif not has_annotated and (found := sharpness(image)) > most:
+            elif (found := sharpness(image)) > most:
                 most, best = found, (index, image)
         if best is not None and not has_annotated:
             yield best

@@ -91,9 +91,14 @@ def _choose(
     chosen = [each for each in [_best(path, 0.0, WINDOW * step, None, share, sharp)] if each]
     if not chosen or count == 1:
         return chosen
-    second = _second(path, chosen[0].frame, step, share)
-    for place in (second, *np.linspace(second, path[-1], count - 1)[1:]):
-        best = _best(path, float(place), WINDOW * step, chosen[-1].frame, share, sharp)
+    first = chosen[0].frame
+    furthest = _second(path, first, step, share)
+    # So that the sharpest around it is no further on.
+    reach = min(WINDOW * step, (furthest - path[first]) / 2)
+    places = [(furthest - reach, reach)]
+    places += [(float(place), WINDOW * step) for place in np.linspace(furthest, path[-1], count - 1)[1:]]
+    for place, reach in places:
+        best = _best(path, place, reach, chosen[-1].frame, share, sharp)
         chosen += [best] if best else []
     return chosen
 
@@ -120,7 +125,7 @@ def _best(
 
 
 def _second(path: FloatArray, first: int, step: float, share: Callable[[int, int], float]) -> float:
-    """Place of the second frame: as far on as it still overlaps the first well, no further than evenly."""
+    """How far on the second frame may be: as far as it still overlaps the first well, no further than evenly."""
     place = path[min(first + 1, len(path) - 1)]
     for index in range(first + 1, len(path)):
         if path[index] > path[first] + step or share(index, first) < SECOND_OVERLAP:

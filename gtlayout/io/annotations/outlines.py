@@ -83,7 +83,7 @@ class View:
         """
         if not isinstance(self.lens, Upright) or self.lens.shown == AS_STORED:
             return False
-        return _same_shape(self.annotated_size, self.shown_size) or not _same_shape(self.annotated_size, self.file_size)
+        return _same_shape(self.annotated_size, self.shown_size)
 
     @property
     def sizes_cannot_tell(self) -> bool:
