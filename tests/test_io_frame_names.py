@@ -331,13 +331,13 @@ def test_counting_evenly(numbers: list[int], *, evenly: bool) -> None:
 
 def test_a_list_with_tracks_or_other_names_is_no_sequence(tmp_path: Path) -> None:
     names = [f"{i}.jpg" for i in range(5)]
-    frames = _numbered(1, 6, "{}.jpg")
+    frames = _numbered(1, 5, "{}.jpg")
     assert _find(_coco(tmp_path, [*names, "cover.jpg"], names[3:4]), frames) == ([2], "")
     images = "".join(f'<image name="{name}" width="64" height="48">{POLYGON}</image>' for name in names)
     track = '<track id="0" label="wall"><polygon frame="2" keyframe="1" outside="0" points="0,0;9,0;9,9"/></track>'
     path = tmp_path / "annotations.xml"
     path.write_text(f"<annotations><meta/>{images}{track}</annotations>")
-    assert _find(read_cvat(tmp_path, path), frames[:5])[0] == ["has no camera", 0, 1, 2, 3, 1]
+    assert _find(read_cvat(tmp_path, path), frames)[0] == ["has no camera", 0, 1, 2, 3, 1]
 
 
 def test_a_list_of_other_names_is_no_sequence(tmp_path: Path) -> None:
@@ -403,6 +403,8 @@ def test_other_images_than_the_videos(tmp_path: Path) -> None:
     # A video made of the extracted images; their list; an image task.
     assert _find(_cvat(tmp_path, [2], 3), frames) == ([2], "")
     assert _find(_tracks(tmp_path, [2], size=3, mode="annotation"), frames) == ([2], "")
+    (alone,), _ = _find(_tracks(tmp_path, [2], size=4, mode="annotation"), frames)
+    assert alone.startswith("is known by its place among 4 images only")
     assert _find(_by_name([frames[1].name, frames[2].name.removesuffix(".jpg")]), frames) == ([1, 2], "")
     names = [f"frame_{i:06d}.PNG" for i in range(240)]
     assert _find(_coco(tmp_path, names, names[10:11]), frames) == ([-2], "")
