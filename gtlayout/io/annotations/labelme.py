@@ -23,6 +23,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
 from gtlayout.io.annotations.checked import Notes, UnusableError, image_size, name, points
 from gtlayout.io.annotations.masks import decode_mask, mask_polygons, simple_rings
+from gtlayout.io.archives import archive_of
 from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
@@ -36,7 +37,7 @@ ID = re.compile(r"id=(.+)")
 
 
 def read_labelme(_root: Path, folder: Path) -> RawAnnotations:
-    """Read the folder's files; those without a shape are no key frames.
+    """Read the files in a folder or a zip, or a single one; those without a shape are no key frames.
 
     Shapes of a group and a label are parts of one element, ``visible`` ones of a group its visible parts. Circles,
     points, broken shapes, and files that cannot be read are dropped with a warning per kind. Raises GtlayoutError when
@@ -178,8 +179,10 @@ def _written(
     }
 
 
-def _detect(root: Path) -> list[Path]:
-    return list(dict.fromkeys(path.parent for path in files_of_kind("labelme")(root)))
+def _detect(place: Path) -> list[Path]:
+    """Folders; a zip counts as one, and a file that is named as itself."""
+    files = files_of_kind("labelme")(place)
+    return files if files == [place] else list(dict.fromkeys(archive_of(path) or path.parent for path in files))
 
 
 READER = Reader("LabelMe", "LabelMe's .json files", _detect, read_labelme)

@@ -62,7 +62,7 @@ def read_frames(root: Path, path: Path) -> PosedImages:
     return PosedImages(tuple(images), (*clip.images.warnings, *skipped))
 
 
-def read_masks(root: Path, path: Path) -> RawAnnotations:
+def read_masks(_root: Path, path: Path) -> RawAnnotations:
     """Read the processed masks: each region becomes polygons, with the label that ``room_structure.npz`` gives it.
 
     Ids are the masks' numbers. Masks may have another size than the images: polygons are scaled to them.
@@ -71,6 +71,7 @@ def read_masks(root: Path, path: Path) -> RawAnnotations:
     masks = sorted(path.glob(f"{STRUCTURE_MASK}*.png"))
     if not masks:
         raise GtlayoutError(f"{path} holds no mask; looked for {STRUCTURE_MASK}<video>_<timestamp>.png")
+    root = path.parent
     labels = read_room_structure(root / STRUCTURE_FILE).labels
     frames_file = root / FRAMES_FILE
     size = _clip(root, frames_file).images.size if frames_file.exists() else None
@@ -194,8 +195,10 @@ def _read_mask(path: Path) -> ImageArray:
         raise GtlayoutError(f"{path} {error}") from error
 
 
-def _detect_masks(root: Path) -> list[Path]:
-    return [root / MASKS_FOLDER] if (root / MASKS_FOLDER).is_dir() else []
+def _detect_masks(place: Path) -> list[Path]:
+    """In a clip's folder; or the folder of the masks itself."""
+    folder = place if place.name == MASKS_FOLDER else place / MASKS_FOLDER
+    return [folder] if folder.is_dir() else []
 
 
 CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames)

@@ -19,6 +19,7 @@ from gtlayout.io.annotations.annotation_files import files_of_kind
 from gtlayout.io.annotations.checked import Notes, UnusableError
 from gtlayout.io.annotations.cvat.shapes import geometry, whole_number
 from gtlayout.io.annotations.frame_names import VIDEO_FRAME
+from gtlayout.io.archives import read_bytes
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 
 
@@ -59,10 +60,9 @@ def read_cvat(_root: Path, path: Path) -> RawAnnotations:
 
 
 def _parse(path: Path) -> Node:
+    content = read_bytes(path)
     try:
-        root = DefusedTree.parse(path, forbid_dtd=True).getroot()
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+        root = DefusedTree.fromstring(content, forbid_dtd=True)
     except DefusedXmlException as error:
         raise GtlayoutError(f"{path} declares a document type or entities, which CVAT never does: not read") from error
     except (DefusedTree.ParseError, ValueError, LookupError) as error:  # the last two: encodings
