@@ -125,7 +125,11 @@ def test_tracks_made_by_datumaro(made: Path) -> None:
         ("frame_000003", SIZE, 3),
     ]
     assert raw.sequence_length == 4
-    assert raw.warnings == ("default.xml: 1 shapes in key frames were interpolated by CVAT, not drawn: check them",)
+    assert [line.removeprefix("default.xml: ") for line in raw.warnings] == [
+        "shape of a track left out where it is marked as outside (1, first in track 1, frame_000002)",
+        "frame left out: all its shapes were interpolated by CVAT, none drawn (2, first in frame_000001)",
+        "shape in a key frame was interpolated by CVAT, not drawn: check it (1, first in frame_000000)",
+    ]
     drawn = [[(s.id, s.label, s.z_order) for s in k.shapes] for k in raw.key_frames]
     assert drawn == [
         [("track_1", "wall", 1), ("track_2", "wall", 2)],
@@ -173,7 +177,10 @@ def test_frames_of_a_video_task_with_a_step(tmp_path: Path, kind: str) -> None:
         ("frame_000120", SIZE, 2),
     ]
     assert raw.sequence_length == 30
-    assert [w.split(": ")[1] for w in raw.warnings] == ["1 shapes in key frames were interpolated by CVAT, not drawn"]
+    assert [w.split(": ", 1)[1] for w in raw.warnings] == [
+        "shape of a track left out where it is marked as outside (1, first in track 1, frame_000130)",
+        "shape in a key frame was interpolated by CVAT, not drawn: check it (1, first in frame_000120)",
+    ]
     north, visible = raw.key_frames[1].shapes
     assert (north.id, north.group, north.z_order, visible.element) == ("north", "4", 3, "north")
     assert _same(visible.polygons, shapely.box(3, 2, 5, 4))

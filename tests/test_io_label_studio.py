@@ -264,10 +264,20 @@ def test_which_annotation_counts(tmp_path: Path) -> None:
         return [shape.label for shape in raw.key_frames[0].shapes], raw.warnings
 
     assert counts(completions=[first]) == (["wall"], ())
-    several = "task annotated more than once: its ground truth, else what was updated last, counts (1, first in task 1)"
-    assert counts(annotations=[last, first, cancelled, skipped]) == (["floor"], (f"project-1.json: {several}",))
+    several = "task annotated more than once: its ground truth, else what was updated last, counts"
+    last["id"] = 12
+    assert counts(annotations=[last, first, cancelled, skipped]) == (
+        ["floor"],
+        (
+            f"project-1.json: {several} (1, first in task 1, where annotation 12 does)",
+            "project-1.json: task has other annotations, which are left out: they are cancelled or broken "
+            "(1, first in task 1)",
+        ),
+    )
     assert counts(annotations=[gold, last])[0] == ["ceiling"]
-    with pytest.raises(GtlayoutError, match=r"no annotated image among 1 tasks \(task with predictions only"):
+    left_out = "task has predictions, which are left out: they count when submitted as annotations (1, first in task 1)"
+    assert counts(annotations=[first], predictions=[last]) == (["wall"], (f"project-1.json: {left_out}",))
+    with pytest.raises(GtlayoutError, match=r"no annotated image among 1 tasks \(task has predictions, which are left"):
         counts(annotations=[], predictions=[first])
     with pytest.raises(GtlayoutError, match="cancelled"):
         counts(annotations=[cancelled])
@@ -293,7 +303,7 @@ def test_what_is_broken_is_skipped_and_counted(tmp_path: Path) -> None:
         "result skipped: it is no object (1, first in 001.png)",
         "region skipped: a point is not [x, y] in percent (2, first in 001.png)",
         "region skipped: it has no points (1, first in 001.png)",
-        "region skipped: it is no polygon, brush, vector or rectangle (1, first in 001.png)",
+        "region skipped: it is of type ellipse, not polygon, brush, vector or rectangle (1, first in 001.png)",
         "region skipped: its mask is no list of bytes (1, first in 001.png)",
         "region skipped: it has no label (1, first in 001.png)",
         "task skipped: it is no object (1, first in task 2)",

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations.checked import because
 from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
@@ -66,7 +67,7 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        why = f" ({warnings[0].removeprefix(f'{file}: ')})" if warnings else ""
+        why = because([*annotations.warnings, *warnings], file)
         raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
