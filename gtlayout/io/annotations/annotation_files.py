@@ -35,8 +35,8 @@ MAX_DEPTH = 2
 """LabelMe's files lie beside the images: in Polycam's scans in ``keyframes/corrected_images``."""
 JSON_SIGNS: tuple[tuple[AnnotationKind | Foreign, str, re.Pattern[str]], ...] = (
     ("native", "{", re.compile(r'"gtlayout-annotations/')),
-    ("label-studio", "[", re.compile(r'"(annotations|completions|result|data|annotation_id|rle|\w{1,40}labels)"\s*:')),
     *FOREIGN_JSON,
+    ("label-studio", "[", re.compile(r'"(annotations|completions|result|data|annotation_id|rle|\w{1,40}labels)"\s*:')),
     ("labelme", "{", re.compile(r'"(shapes|imagePath|imageData)"\s*:')),
     ("coco", "{", re.compile(r'"(category_id|categories|image_id|file_name|segmentation)"\s*:')),
 )

@@ -18,6 +18,8 @@ MAX_PX = 1e6
 """No image is that large: a coordinate beyond it is an error."""
 MAX_NAME = 1000
 """Signs; longer ones are no names."""
+MAX_WHERE = 120
+"""Signs that say where something is: a tool's file may call an image by a whole text."""
 MAX_REASONS = 5
 """In an error; more do not fit into its line."""
 
@@ -36,7 +38,7 @@ class Notes:
     def add(self, what: str, where: str) -> None:
         """Count one more ``what``."""
         self.counts[what] += 1
-        self.first.setdefault(what, where)
+        self.first.setdefault(what, where if len(where) <= MAX_WHERE else f"{where[: MAX_WHERE - 1]}…")
 
     def lines(self, file: str) -> list[str]:
         """One line per kind."""

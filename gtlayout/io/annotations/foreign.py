@@ -26,12 +26,16 @@ CVAT_BACKUP = Foreign("a backup of a CVAT task", "use Export task dataset → CV
 DATUMARO = Foreign("Datumaro's JSON")
 VIA = Foreign("a project of the VGG Image Annotator", "export it in COCO's format")
 SUPERVISELY = Foreign("Supervisely's JSON", "export it in COCO's format")
+CREATEML = Foreign("CreateML's JSON: it has boxes only")
+LABEL_STUDIO_TASK = Foreign("a single task of Label Studio, as its cloud storage has it", "use Export → JSON")
 YOLO = Foreign("YOLO's text files")
 MASKS = Foreign("segmentation masks")
 MOT = Foreign("MOT's text files: they have boxes only")
 
 FOREIGN_JSON: tuple[tuple[Foreign, str, re.Pattern[str]], ...] = (
-    (CVAT_BACKUP, "[", re.compile(r'"(shapes|tracks)"\s*:')),
+    (CVAT_BACKUP, "[", re.compile(r'\A\[\s*\{\s*"version"\s*:\s*\d+\s*,\s*"tags"\s*:')),
+    (CREATEML, "[", re.compile(r'"label"\s*:\s*"[^"]{0,40}"\s*,\s*"coordinates"\s*:\s*\{')),
+    (LABEL_STUDIO_TASK, "{", re.compile(r'"(completed_by|was_cancelled)"\s*:')),
     (DATUMARO, "{", re.compile(r'"dm_format_version"\s*:|"categories"\s*:\s*\{')),
     (VIA, "{", re.compile(r'"(_via_settings|_via_img_metadata|region_attributes|file_attributes)"\s*:')),
     (SUPERVISELY, "{", re.compile(r'"classTitle"\s*:')),

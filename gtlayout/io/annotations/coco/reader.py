@@ -67,7 +67,7 @@ def read_coco(_root: Path, path: Path) -> RawAnnotations:
     )
     warnings = notes.lines(path.name)
     if not key_frames:
-        raise GtlayoutError(f"{path}: no annotation can be used{because(warnings, path.name)}")
+        raise GtlayoutError(f"{path}: no annotation can be used{because(warnings or ['it has none'], path.name)}")
     return RawAnnotations(path, key_frames, (f"{path}: COCO has {NO_OCCLUSION_EDGES}", *warnings))
 
 

@@ -81,6 +81,9 @@ def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
             frames.append(RawKeyFrame(images[item], tuple(shapes), size))
         else:
             notes.add("image skipped: its item_index is none of the task's images", images[0])
+    if not frames and not _looks_like_image(images[0]):
+        notes.add("task skipped: it is about no image", where)
+        return []
     return frames or [RawKeyFrame(images[0], (), None)]
 
 
