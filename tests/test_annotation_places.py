@@ -308,8 +308,21 @@ def test_a_locked_zip(bare: Path) -> None:
     content[6] |= 1
     content[content.rindex(b"PK\1\2") + 8] |= 1
     archive.write_bytes(content)
-    with pytest.raises(GtlayoutError, match=r"export\.zip"):
-        load_scene(bare, archive)
+    for named in (archive, None):
+        with pytest.raises(GtlayoutError, match=r"annotations\.xml: cannot read .*export\.zip: .*password required"):
+            load_scene(bare, named)
+
+
+def test_a_damaged_file_in_a_zip_costs_only_itself(bare: Path) -> None:
+    with zipfile.ZipFile(bare / "export.zip", "w") as content:
+        for image in ("001", "003"):
+            content.writestr(f"{image}.json", json.dumps({**LABELME, "imagePath": f"{image}.png"}))
+    damaged = (bare / "export.zip").read_bytes().replace(b'"imagePath": "003.png"', b'"imagePath": "004.png"')
+    (bare / "export.zip").write_bytes(damaged)
+    scene = load_scene(bare)
+    assert [scene.frames[k.frame].name for k in scene.key_frames] == ["001.png"]
+    (line,) = [line for line in scene.warnings if "003.json" in line]
+    assert "Bad CRC-32" in line
 
 
 def test_nothing_to_say_of_a_readable_place(bare: Path) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal, TextIO
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotations.foreign import FOREIGN_JSON, FOREIGN_NAMES, Foreign, foreign_xml
+from gtlayout.io.annotations.foreign import FOREIGN_JSON, FOREIGN_NAMES, Foreign, foreign_xml, unreadable
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.archives import archive_of, members, open_bytes
 from gtlayout.io.files import printable
@@ -149,8 +149,10 @@ def _kind(path: Path) -> AnnotationKind | Foreign | None:
     try:
         stat = there.stat()
         return _recognised(path, stat.st_mtime_ns, stat.st_size)
-    except (OSError, GtlayoutError):
-        return None  # The reader of the file will report it.
+    except OSError as error:
+        return unreadable(error.strerror or str(error))
+    except GtlayoutError as error:
+        return unreadable(str(error))
 
 
 @lru_cache(maxsize=4096)

@@ -55,3 +55,8 @@ def foreign_xml(head: str) -> Foreign | None:
     if not re.match(r"<annotation\b", head):
         return None
     return LABELME_WEB if re.search(r"<(sourceImage|imagesize|polygon)\b", head) else VOC
+
+
+def unreadable(problem: str) -> Foreign:
+    """A file that cannot be looked into, so that nothing tells what it is."""
+    return Foreign(problem, "repair it or take it away")
