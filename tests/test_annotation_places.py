@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from conftest import SHARED_DATA
 
 from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
@@ -32,7 +33,7 @@ COCO: dict[str, Any] = {
         {"id": i, "image_id": i, "category_id": 1, "segmentation": [[0, 0, 40, 0, 40, 30, 0, 30]]} for i in (1, 3)
     ],
 }
-LABELME = {
+LABELME: dict[str, Any] = {
     "version": "5.5.0",
     "flags": {},
     "shapes": [{"label": "wall", "points": SQUARE, "shape_type": "polygon"}],
@@ -329,6 +330,24 @@ def test_nothing_to_say_of_a_readable_place(bare: Path) -> None:
     (bare / "export.json").write_text(json.dumps(COCO))
     assert left_out(bare) == []
     assert not any(isinstance(kind, Foreign) for kind in kinds_in(bare).values())
+
+
+FAULTS = SHARED_DATA / "reading_faults"
+
+
+@pytest.mark.skipif(not FAULTS.is_dir(), reason="shared/data/reading_faults is not beside the checkout")
+def test_files_as_people_have_them(tmp_path: Path) -> None:
+    given = FAULTS / "annotations_option_ignored"
+    assert len(load_scene(FAULTS / "bom_json", annotated=False).frames) == 4
+    assert len(load_scene(FAULTS / "labelme_imagedata_first").key_frames) == 1
+    assert len(load_scene(given, given / "cvat_export.zip").key_frames) == 1
+    for folder, named, says in (
+        (given, given / "annotations.txt", r"annotations\.txt is no file of a known tool"),
+        (FAULTS / "ls_keypoint_rectangle", None, r"region skipped: it is of type keypoint"),
+        (FAULTS / "no_reason_cvat", None, r"points skipped: .*; tag skipped: "),
+    ):
+        with pytest.raises(GtlayoutError, match=says):
+            load_scene(folder, named, annotated=False)
 
 
 def test_the_module_is_the_command() -> None:

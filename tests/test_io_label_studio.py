@@ -311,6 +311,75 @@ def test_what_is_broken_is_skipped_and_counted(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("keypointlabels", {"x": 46.2, "y": 41.1, "width": 30.0, "height": 30.0}),  # a box by its keys alone
+        ("keypoint", {"x": 46.2, "y": 41.1, "width": 30.0, "height": 30.0}),
+        ("ellipselabels", {"x": 46.2, "y": 41.1, "radiusX": 3.0, "radiusY": 4.0}),
+        ("videorectangle", {"x": 46.2, "y": 41.1, "width": 30.0, "height": 30.0}),
+        ("bitmasklabels", {"imageDataURL": "data:image/png;base64,AAAA", "width": 9, "height": 9}),
+    ],
+)
+@pytest.mark.parametrize("flat", [False, True], ids=["JSON", "JSON-MIN"])
+def test_regions_of_other_types_are_left_out(tmp_path: Path, kind: str, value: dict[str, Any], flat: bool) -> None:
+    good, other = polygon("g", "wall", square(0, 0, 9, 9)), region("k", value, SIZE, kind=kind, label="wall")
+    tasks: list[Any] = [task(1, "001.png", [*good, *other, *region("l", value, SIZE, kind=kind, label="wall")])]
+    if flat and kind.endswith("labels"):  # else its labels do not tell what it is
+        sizes = {"original_width": SIZE[0], "original_height": SIZE[1]}
+        results = tasks[0]["annotations"][0]["result"]
+        tasks = [{"image": "001.png", "id": 1, "label": [{**result["value"], **sizes} for result in results]}]
+    raw = read(tmp_path, tasks)
+    assert [shape.label for shape in raw.key_frames[0].shapes] == ["wall"]
+    assert area_px2(raw.key_frames[0].shapes[0]) == pytest.approx(81)
+    what = f"it is of type {kind.removesuffix('labels')}, not polygon, brush, vector or rectangle"
+    assert [line for line in raw.warnings if f"region skipped: {what} (2, first in 001.png)" in line]
+
+
+def test_a_type_without_its_geometry_is_left_out(tmp_path: Path) -> None:
+    box = {"x": 1, "y": 2, "width": 3, "height": 4}
+    line = {"points": percent(square(0, 0, 9, 9)), "closed": False}  # as early vectors were
+    broken = [
+        *region("a", box, SIZE, kind="polygonlabels", label="wall"),
+        *region("b", line, SIZE, kind="vectorlabels", label="occlusion_edge"),
+    ]
+    raw = read(tmp_path, [task(1, "001.png", broken)])
+    assert raw.key_frames[0].shapes == ()
+    assert raw.warnings == (
+        "project-1.json: region skipped: it lacks the geometry of a polygon, brush, vector or rectangle "
+        "(2, first in 001.png)",
+    )
+
+
+def test_labels_of_a_tag_of_their_own(tmp_path: Path) -> None:
+    common = {"id": "r", "original_width": SIZE[0], "original_height": SIZE[1]}
+    value = {"points": percent(square(0, 0, 9, 9))}
+    results = [
+        {**common, "type": "polygon", "value": value},
+        {**common, "type": "labels", "value": {**value, "labels": ["wall"]}},
+    ]
+    (wall,) = shapes(tmp_path, results)
+    assert wall.label == "wall"
+    assert area_px2(wall) == pytest.approx(81)
+
+
+def test_what_is_not_about_images_or_regions_is_said(tmp_path: Path) -> None:
+    good = polygon("g", "wall", square(0, 0, 9, 9))
+    text = task(2, "What a long story. " * 40, [{"id": "t", "type": "choices", "value": {"choices": ["good"]}}])
+    raw = read(tmp_path, [task(1, "001.png", [*good, {"type": "relation", "from_id": "g"}]), text])
+    assert [k.image for k in raw.key_frames] == ["001.png"]
+    assert raw.warnings == (
+        "project-1.json: relation skipped: it does not name two regions (1, first in 001.png)",
+        "project-1.json: task skipped: it is about no image (1, first in task 2)",
+    )
+
+
+def test_drafts_are_left_out(tmp_path: Path) -> None:
+    good = task(1, "001.png", polygon("g", "wall", square(0, 0, 9, 9)))
+    raw = read(tmp_path, [{**good, "drafts": [{"result": []}]}])
+    assert [line for line in raw.warnings if "task has drafts, which are left out" in line]
+
+
 def test_nothing_annotated_is_an_error(tmp_path: Path) -> None:
     nothing: list[Any] = [[], {}, [1], "x", None]
     for tasks in nothing:
