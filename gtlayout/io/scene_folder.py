@@ -9,12 +9,14 @@ from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations import labelme, native
+from gtlayout.io.annotations.annotation_files import left_out
 from gtlayout.io.annotations.coco import reader as coco
 from gtlayout.io.annotations.cvat import reader as cvat
 from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.annotations.label_studio import reader as label_studio
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import read_label_file
+from gtlayout.io.archives import archive_of
 from gtlayout.io.cad_estate import reader as cad_estate
 from gtlayout.io.cameras import arkitscenes, nerfstudio, polycam, re10k, scannet
 from gtlayout.io.cameras.colmap import reader as colmap
@@ -55,9 +57,9 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
 
     Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
     thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. Cameras with
-    timestamps (RealEstate10k, CAD-Estate) may have a video file in ``root`` instead. ``annotations`` is the file or
-    folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
-    a scene without annotations is one without key frames.
+    timestamps (RealEstate10k, CAD-Estate) may have a video file in ``root`` instead. ``annotations`` is the file, zip
+    or folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is
+    false and none are named, a scene without annotations is one without key frames.
 
     ScanNet and phone scans are metric. Most formats do not state their unit. Their scenes count as metric when
     depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
@@ -70,7 +72,8 @@ def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool =
         raise GtlayoutError(f"no scene folder {root}")
     reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
     metric = _declared_metric(root / SCENE_FILE)
-    scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=annotated)
+    expected = annotated or annotations is not None
+    scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=expected)
     return scene if metric is None else replace(scene, metric=metric)
 
 
@@ -85,17 +88,20 @@ def scene_of(root: Path, cameras: PosedImages, annotations: Path, *, annotated: 
 def _key_frames(
     path: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
 ) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
-    """What the annotations in the folder ``path``, or the file ``path``, make of the frames, and warnings."""
-    folder = path if path.is_dir() else path.parent
-    if not path.exists():
+    """What the annotations in the folder ``path``, the file or the zip ``path``, make of the frames, and warnings."""
+    folder = path if path.is_dir() else (archive_of(path) or path).parent
+    if not path.exists() and archive_of(path) is None:
         raise GtlayoutError(f"no annotations {path}")
-    found = [(reader, file) for reader, file in _found(folder, ANNOTATION_READERS) if path in (folder, file)]
+    found, not_read = _found(path, ANNOTATION_READERS), left_out(path)
     if not found and not annotated:
-        return (), ()
+        return (), tuple(not_read)
+    if not found and not_read:
+        known = ", ".join(reader.name for reader in ANNOTATION_READERS)
+        raise GtlayoutError(f"no annotations in {path}: {'; '.join(not_read)} (known are: {known})")
     reader, file = _the_one(path, found, ANNOTATION_READERS, "annotations")
     raw = reader.read(folder, file)
     key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
-    return key_frames, (*raw.warnings, *warnings)
+    return key_frames, (*not_read, *raw.warnings, *warnings)
 
 
 def _found(root: Path, readers: Sequence[Reader[T]]) -> list[tuple[Reader[T], Path]]:

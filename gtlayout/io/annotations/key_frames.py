@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations.checked import because
 from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
@@ -16,9 +17,6 @@ from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
 
 MAX_STRETCH = 0.01
 """Annotated copies of the images may have another size, but not another shape."""
-
-MAX_REASONS = 3
-"""So many of the reasons why nothing of a file is usable are said; they stand on one line."""
 
 
 def build_key_frames(
@@ -70,10 +68,8 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        # What the reader left out comes first: of a file without a usable shape it is all there is to say.
-        said = [line.removeprefix(f"{file}: ") for line in (*annotations.warnings, *warnings)]
-        why = "; ".join(said[:MAX_REASONS]) or "nothing is drawn in it"
-        raise GtlayoutError(f"{annotations.path}: no usable element in any frame ({why})")
+        why = because([*annotations.warnings, *warnings] or ["nothing is drawn in it"], file)
+        raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
     return key_frames, warnings
