@@ -18,6 +18,7 @@ from gtlayout.io.annotations.coco.reader import read_coco
 from gtlayout.io.annotations.cvat.reader import read_cvat
 from gtlayout.io.annotations.frame_names import FrameFinder, Match
 from gtlayout.io.annotations.label_studio.reader import read_label_studio
+from gtlayout.io.annotations.sequence import counts_evenly
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
 from gtlayout.scene import Camera, FloatArray, Frame, ImageArray, VideoFrame, VideoOrigin
@@ -162,6 +163,12 @@ def test_by_number_where_counts_differ(tmp_path: Path, pattern: str) -> None:
     )
 
 
+def test_names_without_endings_are_numbers_all_the_same(tmp_path: Path) -> None:
+    found, said = _find(_cvat(tmp_path, [3], 240), _numbered(0, 5, "frame_{:06d}"))
+    assert found == [3]
+    assert "numbers of 240 frames, the scene has 5 images" in said
+
+
 def test_a_file_that_does_not_say_how_many_frames_there_were(tmp_path: Path) -> None:
     found, said = _find(_cvat(tmp_path, [3], None), _numbered(0, 5))
     assert found == [3]
@@ -189,6 +196,17 @@ def test_places_count_images_without_camera(tmp_path: Path, on_disk: int) -> Non
     assert find[0] == [0, "(3.jpg) has no camera", 2, gone]
     # Cameras alone are as many as the task has images.
     assert _find(_cvat(tmp_path, [2], 4), frames)[0] == [2]
+
+
+def test_places_are_those_of_the_files_on_disk_first(tmp_path: Path) -> None:
+    for i in range(1, 7):
+        (tmp_path / f"{i}.jpg").touch()
+    frames = [Frame(f"in/{i}.jpg", tmp_path / f"{i}.jpg", CAMERA) for i in (1, 2, 4, 5)]
+    raw = _cvat(tmp_path, [2, 3], 6)
+    assert _find(raw, frames, ["in/0.jpg"])[0] == ["(in/3.jpg) has no camera", 2]
+    # With what cameras know beside them there are seven.
+    raw = _cvat(tmp_path, [2, 3], 7)
+    assert _find(raw, frames, ["in/0.jpg"])[0] == [1, "(in/3.jpg) has no camera"]
 
 
 def test_numbers_beyond_the_sequence(tmp_path: Path) -> None:
@@ -268,6 +286,14 @@ def test_names_that_are_there_are_names(tmp_path: Path, listed: Sequence[int], t
     assert _find(raw, _frames([f"{i:03d}.jpg" for i in there])) == ([there.index(i) for i in annotated], "")
 
 
+def test_a_list_that_is_not_complete_is_no_sequence(tmp_path: Path) -> None:
+    images = "".join(f'<image name="{i}.jpg" width="64" height="48">{POLYGON}</image>' for i in range(0, 40, 10))
+    path = tmp_path / "annotations.xml"
+    path.write_text(f"<annotations><meta><task><size>40</size></task></meta>{images}</annotations>")
+    frames = _frames([f"{i}.jpg" for i in range(10, 50, 10)])
+    assert _find(read_cvat(tmp_path, path), frames) == (["has no camera", 0, 1, 2], "")
+
+
 def test_the_same_list_in_label_studios_file(tmp_path: Path) -> None:
     region = {
         "type": "polygonlabels",
@@ -293,6 +319,25 @@ def test_the_same_list_in_label_studios_file(tmp_path: Path) -> None:
         "/data/upload/3/00000003-0003.jpg is 0004.jpg, although it is called like 0003.jpg"
     )
     assert _find(raw, _numbered(0, 4, "{:04d}.jpg")) == ([3], "")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "evenly"),
+    [([0, 1, 2], True), ([30, 10, 20], True), ([0, 1, 3], False), ([3, 3], False), ([3], False), ([], False)],
+)
+def test_counting_evenly(numbers: list[int], *, evenly: bool) -> None:
+    assert counts_evenly(numbers) == evenly
+
+
+def test_a_list_with_tracks_or_other_names_is_no_sequence(tmp_path: Path) -> None:
+    names = [f"{i}.jpg" for i in range(5)]
+    frames = _numbered(1, 5, "{}.jpg")
+    assert _find(_coco(tmp_path, [*names, "cover.jpg"], names[3:4]), frames) == ([2], "")
+    images = "".join(f'<image name="{name}" width="64" height="48">{POLYGON}</image>' for name in names)
+    track = '<track id="0" label="wall"><polygon frame="2" keyframe="1" outside="0" points="0,0;9,0;9,9"/></track>'
+    path = tmp_path / "annotations.xml"
+    path.write_text(f"<annotations><meta/>{images}{track}</annotations>")
+    assert _find(read_cvat(tmp_path, path), frames)[0] == ["has no camera", 0, 1, 2, 3, 1]
 
 
 def test_a_list_of_other_names_is_no_sequence(tmp_path: Path) -> None:
@@ -358,9 +403,17 @@ def test_other_images_than_the_videos(tmp_path: Path) -> None:
     # A video made of the extracted images; their list; an image task.
     assert _find(_cvat(tmp_path, [2], 3), frames) == ([2], "")
     assert _find(_tracks(tmp_path, [2], size=3, mode="annotation"), frames) == ([2], "")
+    (alone,), _ = _find(_tracks(tmp_path, [2], size=4, mode="annotation"), frames)
+    assert alone.startswith("is known by its place among 4 images only")
     assert _find(_by_name([frames[1].name, frames[2].name.removesuffix(".jpg")]), frames) == ([1, 2], "")
     names = [f"frame_{i:06d}.PNG" for i in range(240)]
     assert _find(_coco(tmp_path, names, names[10:11]), frames) == ([-2], "")
+    found, said = _find(_coco(tmp_path, names[:100], names[10:11]), frames)
+    assert found == [-2]
+    assert said.startswith("the video that was annotated has 100 frames, clip.mp4 has 240")
+    # Numbers alone may be names of anything.
+    names = [f"{i}.jpg" for i in range(240)]
+    assert _find(_coco(tmp_path, names, names[10:11]), frames)[0] == ["has a number that no image of the scene has"]
     # Numbers that the video does not have, or two videos, are none of its.
     found, said = _find(_cvat(tmp_path, [10, 240], 241), frames)
     assert found == ["has a number that no image of the scene has"] * 2

@@ -43,7 +43,7 @@ def import_(
     out
         The scene folder to make; it must not exist or be empty.
     annotations
-        File or folder of annotations that are elsewhere.
+        File, zip or folder of annotations that are elsewhere.
     colmap
         Find the cameras with COLMAP: features, sequential matching, incremental mapping, on the CPU.
     rate

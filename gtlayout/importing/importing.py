@@ -119,7 +119,7 @@ def _with_colmap(
     posed = PosedImages(
         posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
     )
-    scene = scene_of(root, posed, annotations or root, annotated=False)
+    scene = scene_of(root, posed, annotations or root, annotated=annotations is not None)
     # Their unit is not that of the cameras just found.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
     return replace(scene, frames=frames), found.reconstruction, (found.verdict(),)

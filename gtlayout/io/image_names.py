@@ -86,11 +86,9 @@ def originals(file: str) -> list[str]:
     """What a file may have been called before a tool got it, the most likely first."""
     decoded = unquote(file)
     found = [decoded] if decoded != file else []
-    for name in (file, decoded):
-        if match := RESIZED.fullmatch(name):
-            found.append(f"{match[1]}.{match[2]}")
-        found += [match[1] for pattern in (UPLOADED, TWO_ENDINGS) if (match := pattern.fullmatch(name))]
-    return list(dict.fromkeys(found))
+    if match := RESIZED.fullmatch(decoded):
+        found.append(f"{match[1]}.{match[2]}")
+    return [*found, *(match[1] for pattern in (UPLOADED, TWO_ENDINGS) if (match := pattern.fullmatch(decoded)))]
 
 
 def composed(name: str) -> str:

@@ -91,14 +91,14 @@ class FrameFinder:
     def _video_of(self, sequence: AnnotatedSequence, *, can_be_places: bool) -> VideoOrigin | None:
         """The video that the numbers are of; None when it is not known, or is another one."""
         origins = [origin for origin in self._images.origins if origin is not None]
-        if not sequence.video_numbers or sequence.of_video is False or len({o.video_name for o in origins}) != 1:
+        if not sequence.video_numbers or len({o.video_name for o in origins}) != 1:
             return None
         if max(sequence.video_numbers.values()) >= origins[0].frame_count:
             return None
         if sequence.length == origins[0].frame_count or sequence.is_part_of_video:
             return origins[0]
-        # Else it is a video that was made of the scene's images, or names that stand for other images.
-        return None if can_be_places or sequence.are_names else origins[0]
+        # As many as the scene has images: then they are of a video that was made of these.
+        return None if can_be_places else origins[0]
 
     def _contradicted(self, how: str) -> tuple[str, ...]:
         """Says that names would lead elsewhere, if they do."""

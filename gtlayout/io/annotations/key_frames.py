@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations.checked import because
 from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
@@ -13,9 +14,6 @@ from gtlayout.io.annotations.labels import Kind, label_meanings, meaning
 from gtlayout.io.annotations.outlines import MAX_STRETCH, Repairs, View, polyline, region
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
 from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
-
-MAX_REASONS = 3
-"""So many of the reasons why nothing of a file is usable are said; they stand on one line."""
 
 
 def build_key_frames(
@@ -71,10 +69,8 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        # What the reader left out comes first: of a file without a usable shape it is all there is to say.
-        said = [line.removeprefix(f"{file}: ") for line in (*annotations.warnings, *warnings)]
-        why = "; ".join(said[:MAX_REASONS]) or "nothing is drawn in it"
-        raise GtlayoutError(f"{annotations.path}: no usable element in any frame ({why})")
+        why = because([*annotations.warnings, *warnings] or ["nothing is drawn in it"], file)
+        raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
     return key_frames, warnings
@@ -125,7 +121,7 @@ def _other_shape(view: View) -> str | None:
         return None
     (width, height), (drawn_width, drawn_height) = view.annotated_size, view.drawn_size
     turned = abs(height * drawn_height / (width * drawn_width) - 1) <= MAX_STRETCH
-    hint = "it was drawn on a turned copy" if turned else "annotate the images as they are"
+    hint = "it was shown turned: remove the EXIF orientation" if turned else "annotate the images as they are"
     return f"{view.name} was annotated at {width}x{height} px but its camera says {drawn_width}x{drawn_height}: {hint}"
 
 

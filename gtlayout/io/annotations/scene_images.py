@@ -23,11 +23,9 @@ class SceneImages:
     """
 
     def __init__(self, frames: Sequence[Frame], without_image: Sequence[str]) -> None:
-        of_frames = [frame.name for frame in frames]
-        beside = [name for name in _beside(frames) if name not in set(of_frames)]
-        absent = [name for name in without_image if name not in {*of_frames, *beside}]
+        beside = _beside(frames)
         self.frame_count, self.file_count = len(frames), len(frames) + len(beside)
-        self.names = (*of_frames, *beside, *absent)
+        self.names = (*(frame.name for frame in frames), *beside, *without_image)
         self.origins = tuple(map(_origin, frames))
         self.folders = len({parts_of(name)[:-1] for name in self.names})
         self._index = NameIndex(self.names)

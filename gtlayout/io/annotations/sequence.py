@@ -47,6 +47,8 @@ def sequence_of(annotations: RawAnnotations) -> AnnotatedSequence | None:
         return AnnotatedSequence(
             annotations.sequence_length, annotations.of_video, annotations.is_part_of_video, False, places, known
         )
+    if annotations.sequence_length not in (None, len(annotations.listed)):
+        return None
     numbers = {name: number for name in annotations.listed if (number := number_of(name)) is not None}
     if not key_frames or len(numbers) < len(set(annotations.listed)) or not counts_evenly(list(numbers.values())):
         return None

@@ -12,7 +12,7 @@ from typing import Any
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import Notes, name
+from gtlayout.io.annotations.checked import Notes, because, name
 from gtlayout.io.annotations.label_studio.regions import shapes_by_image
 from gtlayout.io.files import read_json_list
 from gtlayout.io.image_names import path_of_address
@@ -34,7 +34,7 @@ def read_label_studio(_root: Path, path: Path) -> RawAnnotations:
     key_frames = [frame for i, task in enumerate(tasks, 1) for frame in _key_frames(task, f"task {i}", notes)]
     lines = notes.lines(path.name)
     if not key_frames:
-        why = f" ({lines[0].removeprefix(f'{path.name}: ')})" if lines else ""
+        why = because(lines, path.name)
         raise GtlayoutError(f"{path}: no annotated image among {len(tasks)} tasks{why}")
     listed = tuple(image for task in tasks if isinstance(task, dict) for image in _images_of(task, []) or [])
     return RawAnnotations(path, tuple(key_frames), tuple(lines), listed=listed)
@@ -58,6 +58,9 @@ def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
             frames.append(RawKeyFrame(images[item], tuple(shapes), size))
         else:
             notes.add("image skipped: its item_index is none of the task's images", images[0])
+    if not frames and not _looks_like_image(images[0]):
+        notes.add("task skipped: it is about no image", where)
+        return []
     return frames or [RawKeyFrame(images[0], (), None)]
 
 
@@ -73,15 +76,22 @@ def _results(task: Mapping[str, Any], where: str, notes: Notes) -> list[Any] | N
         and isinstance(each.get("result"), list)
         and not (each.get("was_cancelled") or each.get("skipped"))
     ]
+    for key in ("predictions", "drafts"):
+        if task.get(key):
+            notes.add(f"task has {key}, which are left out: they count when submitted as annotations", where)
+    if not done:
+        if annotations:
+            notes.add("task skipped: its annotations are cancelled or broken", where)
+        return None
+    counts = max(enumerate(done), key=_rank)[1]
     if len(done) > 1:
-        notes.add("task annotated more than once: its ground truth, else what was updated last, counts", where)
-    if done:
-        return max(enumerate(done), key=_rank)[1]["result"]
-    if task.get("predictions"):
-        notes.add("task with predictions only: they count when submitted as annotations", where)
-    elif annotations:
-        notes.add("task skipped: its annotations are cancelled or broken", where)
-    return None
+        notes.add(
+            "task annotated more than once: its ground truth, else what was updated last, counts",
+            f"{where}, where annotation {name(counts.get('id'))} does",
+        )
+    if len(done) < len(annotations):
+        notes.add("task has other annotations, which are left out: they are cancelled or broken", where)
+    return counts["result"]
 
 
 def _rank(numbered: tuple[int, Mapping[str, Any]]) -> tuple[bool, str, int]:
