@@ -280,6 +280,12 @@ def test_a_rate_is_for_a_video_and_colmap(tiny: Path, tmp_path: Path, capfd: pyt
     assert not (tmp_path / "out").exists()
 
 
+def test_a_video_without_cameras_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    video = write_video(tmp_path / "dark.mp4", [np.zeros((48, 64, 3), dtype=np.uint8)] * 4)
+    assert _import(video, tmp_path / "out", "--colmap", "--rate", "30") == 1
+    assert f"gtlayout: {video}: no cameras found: hardly any detail" in capfd.readouterr().err
+
+
 def test_frames_that_a_file_annotates_are_taken_from_the_video(room: Path, tmp_path: Path) -> None:
     images = [cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR).astype(np.uint8) for frame in load_scene(room).frames]
     video = write_video(tmp_path / "clip.mp4", images, options={"crf": "12"})

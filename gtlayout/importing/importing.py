@@ -115,7 +115,11 @@ def _with_colmap(
     else:
         root = source
         images, names, warnings = list_images(source)
-    found = reconstruct(images, names, work, observer, focal_px)
+    try:
+        found = reconstruct(images, names, work, observer, focal_px)
+    except GtlayoutError as error:
+        # Frames of a video lie in a folder that nobody finds any more.
+        raise GtlayoutError(str(error).replace(str(images), str(source))) from error
     posed = PosedImages(
         posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
     )
