@@ -10,20 +10,22 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.frame_extraction import extract_frames
+from gtlayout.importing.image_list import list_images
+from gtlayout.importing.key_frame_choice import choose_key_frames, points_by_image
+from gtlayout.importing.key_frame_files import LIST, SHEET, write_key_frame_files
 from gtlayout.importing.known_distance import scale_from_distance
 from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
 from gtlayout.importing.structure_from_motion import reconstruct
 from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
-from gtlayout.io.cameras.frames import natural
 from gtlayout.io.files import new_folder
+from gtlayout.io.pixels.exports import is_copied
 from gtlayout.io.pixels.images import read_rgb
-from gtlayout.io.scene_folder import load_scene, scene_of
+from gtlayout.io.scene_folder import annotated_numbers, load_scene, scene_of
 from gtlayout.io.sources import PosedImages
+from gtlayout.io.video_record import write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene
-
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ def import_scene(
             scene, model, messages = _with_colmap(source, annotations, rate_hz, focal_px, Path(work), observer)
         else:
             scene, messages = load_scene(source, annotations, annotated=False), ()
+        scene = _without_unreadable(scene)
+        to_annotate = [] if scene.key_frames else choose_key_frames(scene, points_by_image(model) if model else {})
         scale = None
         if depth_scale is not None:
             scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
@@ -79,12 +83,14 @@ def import_scene(
             # True planes in the folder are in the unit and the world of other cameras.
             scene = replace(scene, root=Path(work))
         observer.stage("writing")
-        scene = _without_unreadable(scene)
-        write_scene(scene, filled, "native", "native")
+        names = write_scene(scene, filled, "native", "native")
+        if to_annotate:
+            write_key_frame_files(filled, scene, to_annotate, names)
     if not scene.key_frames:
         messages = (
             *messages,
-            f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}",
+            f"not annotated yet: annotate images in {out / 'images'}, best the {len(to_annotate)} that {out / LIST} "
+            f"names and {SHEET} shows, and put the tool's export into {out}",
         )
     return Imported(scene, messages)
 
@@ -102,19 +108,22 @@ def _with_colmap(
     if source.is_file():
         root, images = work, work / "images"
         observer.stage("frames")
-        extraction = extract_frames(source, images, rate_hz, observer.progress)
+        annotated = annotated_numbers(annotations) if annotations else frozenset()
+        extraction = extract_frames(source, images, rate_hz, observer.progress, annotated)
         names, warnings = extraction.names, extraction.warnings
+        write_video_record(root, dict(zip(names, extraction.origins, strict=True)))
     else:
         root = source
-        images = source / "images" if (source / "images").is_dir() else source
-        names = tuple(
-            sorted((path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
-        )
-    found = reconstruct(images, names, work, observer, focal_px)
+        images, names, warnings = list_images(source)
+    try:
+        found = reconstruct(images, names, work, observer, focal_px)
+    except GtlayoutError as error:
+        # Frames of a video lie in a folder that nobody finds any more.
+        raise GtlayoutError(str(error).replace(str(images), str(source))) from error
     posed = PosedImages(
         posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
     )
-    scene = scene_of(root, posed, annotations or root, annotated=False)
+    scene = scene_of(root, posed, annotations or root, annotated=annotations is not None)
     # Their unit is not that of the cameras just found.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
     return replace(scene, frames=frames), found.reconstruction, (found.verdict(),)
@@ -149,8 +158,8 @@ def _without_unreadable(scene: Scene) -> Scene:
 
 
 def _unreadable(frame: Frame) -> str | None:
-    if frame.undistort is None and frame.video is None:
-        return None  # Its file is copied as it is.
+    if is_copied(frame):
+        return None
     try:
         read_rgb(frame)
     except GtlayoutError as error:

@@ -88,7 +88,9 @@ class RawKeyFrame:
     image_size: tuple[int, int] | None
     """(width, height) px of the image that was annotated; None = not said."""
     number: int | None = None
-    """Counted from 0 in the video, or in the sorted images, that was annotated; None = not known."""
+    """Place among the images of the task that was annotated, from 0 on; None = not known."""
+    video_number: int | None = None
+    """Place in the video that the task's images were taken from, from 0 on; None = not known, or of no video."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,12 @@ class RawAnnotations:
     warnings: tuple[str, ...] = ()
     sequence_length: int | None = None
     """How many images ``RawKeyFrame.number`` counts; None = not known."""
+    of_video: bool | None = None
+    """Whether these are frames of a video, in order of time, or image files, in order of names; None = not known."""
+    is_part_of_video: bool = False
+    """Whether they are known to be some of a video's frames only."""
+    listed: tuple[str, ...] = ()
+    """Names of all images that the file lists, annotated or not, where it lists those, too."""
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,8 +13,11 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import undistortion
+from gtlayout.io.cameras.upright import Turned, header_with_tag, is_of_shown, orientation_lines, upright
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
+from gtlayout.io.pixels.turn import AS_STORED, Header
 from gtlayout.io.sources import PosedImage
 from gtlayout.scene import Camera, Frame
 
@@ -26,11 +30,13 @@ MAX_POSITION = 1e9
 def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame, ...], tuple[str, ...], list[str]]:
     """Frames in natural order of their names, the names of cameras without an image file, and warnings.
 
-    To compare sizes, one image per image size is decoded; whether the others can be read shows when they are used.
+    Frames stand upright: an image with an orientation tag is turned, and its camera with it. To compare sizes, one
+    image per image size is decoded; whether the others can be read shows when they are used.
     Raises GtlayoutError when names occur twice, no or hardly any image file is there, a lens cannot be undistorted,
     a camera is nowhere, or the images do not have the size that their camera says.
     """
-    ordered = sorted(images, key=lambda image: natural(image.name))
+    files = FilesOnDisk()
+    ordered = sorted(_on_disk(images, files), key=lambda image: natural(image.name))
     for previous, image in pairwise(ordered):
         if previous.name == image.name:
             raise GtlayoutError(f"{root}: two cameras for one image, {image.name}")
@@ -50,8 +56,10 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
             f"{root}: {len(present)} frames with camera and image file, at least {MIN_FRAMES} are needed "
             f"({len(ordered)} cameras)"
         )
-    _check_sizes(present)
-    frames = tuple(_frame(root, image) for image in present)
+    headers = [header_with_tag(image) for image in present]
+    _check_sizes([image for image, header in zip(present, headers, strict=True) if not is_of_shown(image, header)])
+    frames = tuple(_frame(root, image, header, files) for image, header in zip(present, headers, strict=True))
+    warnings += orientation_lines(present, headers)
     if (root / "depth").is_dir() and not any(frame.depth_path for frame in frames):
         warnings.append(
             f"{root / 'depth'} holds no map for any frame; looked for {_depth_path(root, present[0])} and so on"
@@ -59,33 +67,37 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     return frames, tuple(image.name for image in missing), warnings
 
 
-def _frame(root: Path, image: PosedImage) -> Frame:
+def _on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
+    """The images, those whose file is spelled otherwise on disk with the path that it has."""
+    paths = files.find_each([[] if image.video is not None else [image.image_path] for image in images])
+    return [replace(image, image_path=path) if path else image for image, path in zip(images, paths, strict=True)]
+
+
+def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnDisk) -> Frame:
     try:
-        undistort = undistortion(image.camera)
+        lens = undistortion(image.camera)
     except GtlayoutError as error:
         raise GtlayoutError(f"{image.image_path}: {error}") from error
     if not np.all(np.abs(image.t_cam_from_world) <= MAX_POSITION):
         raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}")
-    pinhole = undistort.target if undistort else image.camera
-    camera = Camera(
+    pinhole = lens.target if lens else image.camera
+    seen = Camera(
         K=np.array(pinhole.calibration_matrix(), dtype=np.float64),
         R_cam_from_world=image.R_cam_from_world,
         t_cam_from_world=image.t_cam_from_world,
         width=int(pinhole.width),
         height=int(pinhole.height),
     )
-    depth_path = _depth_path(root, image)
-    return Frame(
-        image.name,
-        image.image_path,
-        camera,
-        undistort,
-        depth_path if depth_path.is_file() else None,
-        Registration(image.depth_camera, Pinhole(camera.K, camera.width, camera.height))
-        if image.depth_camera
-        else None,
-        image.video,
+    depth_path = files.find(_depth_path(root, image))
+    register = (
+        Registration(image.depth_camera, Pinhole(seen.K, seen.width, seen.height)) if image.depth_camera else None
     )
+    if header is None:
+        return Frame(image.name, image.image_path, seen, lens, depth_path, register, image.video)
+    turned = upright(header, lens, of_shown=is_of_shown(image, header))
+    camera = seen if turned.after == AS_STORED else turned.after.camera(seen)
+    register_turned = Turned(register, turned.after) if register else None
+    return Frame(image.name, image.image_path, camera, turned, depth_path, register_turned)
 
 
 def _depth_path(root: Path, image: PosedImage) -> Path:

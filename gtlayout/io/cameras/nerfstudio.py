@@ -19,6 +19,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import finite, lens
 from gtlayout.io.cameras.poses import OPENGL_FROM_OPENCV, cam_from_world_opengl
 from gtlayout.io.files import path_inside, read_json, write_json_atomic
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import size_of_first
 from gtlayout.io.sources import PosedImage, PosedImages, Reader, named, usable
 from gtlayout.scene import FloatArray, Frame
@@ -45,7 +46,9 @@ def read_transforms(root: Path, path: Path) -> PosedImages:
     applied_scale = finite(data.get("applied_scale", 1))
     if applied_scale is None or applied_scale <= 0:
         raise GtlayoutError(f"{path}: applied_scale must be a positive number, not {data['applied_scale']!r}")
-    found, bad_paths = usable(range(len(entries)), lambda i: (i, _image_path(entries[i], i, root, path)))
+    named, bad_paths = usable(range(len(entries)), lambda i: (i, _image_path(entries[i], i, root, path)))
+    on_disk = FilesOnDisk().find_each([[wanted.with_name(wanted.name + e) for e in EXTENSIONS] for _, wanted in named])
+    found = [(i, there or wanted) for (i, wanted), there in zip(named, on_disk, strict=True)]
     if not all({"w", "h"} <= {**data, **entries[i]}.keys() for i, _ in found):
         size = size_of_first([image_path for _, image_path in found])
         data = data if size is None else {"w": size[0], "h": size[1], **data}
@@ -87,11 +90,10 @@ def file_path(root: Path, frame: Frame) -> str:
 
 
 def _image_path(entry: Any, index: int, root: Path, path: Path) -> Path:
-    """The image that is there, with an extension where ``file_path`` lacks one; else as ``file_path`` has it."""
+    """The image as ``file_path`` has it, which may lack an extension."""
     if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str) or not entry["file_path"]:
         raise GtlayoutError(f"{path}: frame number {index} has no file_path")
-    inside = path_inside(root, entry["file_path"], f"{path}: frame {entry['file_path']}")
-    return next((p for e in EXTENSIONS if (p := inside.with_name(inside.name + e)).is_file()), inside)
+    return path_inside(root, entry["file_path"], f"{path}: frame {entry['file_path']}")
 
 
 def _posed_image(

@@ -14,6 +14,7 @@ from gtlayout.io.cameras.colmap.binary import check_lengths
 from gtlayout.io.cameras.lenses import check_lens
 from gtlayout.io.cameras.poses import nearest_rotation
 from gtlayout.io.files import path_inside
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray, Frame
 
@@ -112,10 +113,10 @@ def _missing_parts(model: Path) -> list[str]:
 
 def _image_folder(root: Path, in_root: list[Path]) -> Path:
     """``images/`` in the scene folder or the scene folder itself, whichever holds an image."""
-    images = root / "images"
-    if any((images / path.relative_to(root)).is_file() for path in in_root):
+    images, files = root / "images", FilesOnDisk()
+    if any(files.find(images / path.relative_to(root)) for path in in_root):
         return images
-    return root if any(path.is_file() for path in in_root) else images
+    return root if any(map(files.find, in_root)) else images
 
 
 def _rotation_translation(cam_from_world: FloatArray, where: str, name: str) -> tuple[FloatArray, FloatArray]:
