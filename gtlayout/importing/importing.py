@@ -13,12 +13,11 @@ from gtlayout.importing.frame_extraction import extract_frames
 from gtlayout.importing.known_distance import scale_from_distance
 from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
 from gtlayout.importing.structure_from_motion import reconstruct
-from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
+from gtlayout.io.cameras.colmap.reader import find_models, model_images, open_model, posed_images
 from gtlayout.io.cameras.frames import natural
 from gtlayout.io.files import new_folder
 from gtlayout.io.pixels.images import read_rgb
 from gtlayout.io.scene_folder import load_scene, scene_of
-from gtlayout.io.sources import PosedImages
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene
@@ -111,9 +110,9 @@ def _with_colmap(
             sorted((path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
         )
     found = reconstruct(images, names, work, observer, focal_px)
-    posed = PosedImages(
-        posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
-    )
+    model, skipped = model_images(found.reconstruction, "COLMAP's result")
+    posed = posed_images(model, root, "COLMAP's result")
+    posed = replace(posed, warnings=(*warnings, *found.warnings, *skipped, *posed.warnings), metric=False)
     scene = scene_of(root, posed, annotations or root, annotated=False)
     # Their unit is not that of the cameras just found.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
