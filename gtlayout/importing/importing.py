@@ -13,11 +13,13 @@ from gtlayout.importing.frame_extraction import extract_frames
 from gtlayout.importing.known_distance import scale_from_distance
 from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
 from gtlayout.importing.structure_from_motion import reconstruct
-from gtlayout.io.cameras.colmap.reader import find_models, model_images, open_model, posed_images
+from gtlayout.io.cameras.colmap.reader import READER as COLMAP
+from gtlayout.io.cameras.colmap.reader import model_images, open_model, posed_images
 from gtlayout.io.cameras.frames import natural
+from gtlayout.io.choosing import named_path
 from gtlayout.io.files import new_folder
 from gtlayout.io.pixels.images import read_rgb
-from gtlayout.io.scene_folder import load_scene, scene_of
+from gtlayout.io.scene_folder import load_scene, read_cameras, scene_of
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene
@@ -39,6 +41,7 @@ def import_scene(
     out: Path,
     annotations: Path | None,
     *,
+    cameras: Path | None = None,
     rate_hz: float | None,
     focal_px: float | None = None,
     depth_scale: Path | None,
@@ -49,7 +52,8 @@ def import_scene(
 
     ``source`` is a folder with cameras or, where ``rate_hz`` is given, a video (that many frames a second are taken) or
     a folder of images, whose cameras COLMAP then finds, with the focal length ``focal_px`` where that is known.
-    ``depth_scale`` and ``known_distance`` are files that determine the unit.
+    ``cameras`` and ``annotations`` choose, as for ``load_scene``; ``depth_scale`` and ``known_distance`` are files that
+    determine the unit.
 
     Raises GtlayoutError when something is missing, wrong, or cannot be determined. ``out`` is then not created.
     """
@@ -57,6 +61,8 @@ def import_scene(
         raise GtlayoutError("the unit can come from --depth-scale or from --known-distance, not from both")
     if focal_px is not None and rate_hz is None:
         raise GtlayoutError("--focal is the focal length that --colmap uses: add --colmap")
+    if cameras is not None and rate_hz is not None:
+        raise GtlayoutError("the cameras can come from --colmap or from --cameras, not from both")
     if not source.exists():
         raise GtlayoutError(f"no folder or video {source}")
     if rate_hz is None and source.is_file():
@@ -66,10 +72,10 @@ def import_scene(
         if rate_hz is not None:
             scene, model, messages = _with_colmap(source, annotations, rate_hz, focal_px, Path(work), observer)
         else:
-            scene, messages = load_scene(source, annotations, annotated=False), ()
+            scene, messages = load_scene(source, annotations, cameras=cameras, annotated=False), ()
         scale = None
         if depth_scale is not None:
-            scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
+            scale = scale_from_depth(sparse_depths(model or _model_of(source, cameras)), depth_scale)
         elif known_distance is not None:
             scale = scale_from_distance(scene, known_distance)
         if scale is not None:
@@ -113,17 +119,22 @@ def _with_colmap(
     model, skipped = model_images(found.reconstruction, "COLMAP's result")
     posed = posed_images(model, root, "COLMAP's result")
     posed = replace(posed, warnings=(*warnings, *found.warnings, *skipped, *posed.warnings), metric=False)
-    scene = scene_of(root, posed, annotations or root, annotated=False)
+    if annotations is not None:
+        annotations = named_path(root, annotations, "annotations")
+    scene = scene_of(root, posed, annotations, annotated=False)
     # Their unit is not that of the cameras just found.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
     return replace(scene, frames=frames), found.reconstruction, (found.verdict(),)
 
 
-def _model_of(source: Path) -> pycolmap.Reconstruction:
-    models = find_models(source)
-    if len(models) != 1:
-        raise GtlayoutError(f"{source} holds no COLMAP model, whose points --depth-scale compares with: use --colmap")
-    return open_model(models[0])
+def _model_of(source: Path, cameras: Path | None) -> pycolmap.Reconstruction:
+    chosen, _ = read_cameras(source, cameras)
+    if chosen.reader is not COLMAP:
+        raise GtlayoutError(
+            f"{chosen.path} is no COLMAP model, whose points --depth-scale compares with: use --colmap, or name one "
+            "with --cameras"
+        )
+    return open_model(chosen.path)
 
 
 def _metric(scene: Scene, scale: Scale) -> Scene:

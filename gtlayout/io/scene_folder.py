@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations import labelme, native
@@ -19,12 +18,18 @@ from gtlayout.io.cad_estate import reader as cad_estate
 from gtlayout.io.cameras import arkitscenes, nerfstudio, polycam, re10k, scannet
 from gtlayout.io.cameras.colmap import reader as colmap
 from gtlayout.io.cameras.frames import build_frames
-from gtlayout.io.files import read_json
+from gtlayout.io.choosing import (
+    Source,
+    named_path,
+    named_sources,
+    read_richest,
+    require_some,
+    sources_in,
+    the_one,
+)
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
+from gtlayout.io.units import SCENE_FILE, in_metres, read_unit
 from gtlayout.scene import Frame, KeyFrame, Scene
-
-T = TypeVar("T")
-
 
 CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     colmap.READER,
@@ -47,77 +52,71 @@ ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
 )
 
 
-SCENE_FILE = "scene.json"
+def load_scene(
+    root: Path, annotations: Path | None = None, *, cameras: Path | None = None, annotated: bool = True
+) -> Scene:
+    """Read the scene folder ``root``: cameras, images, annotations, in any known format.
 
+    Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16
+    millimetres along z, thousandths of the cameras' unit where that is not known, 0 = none). Some formats have places
+    of their own for both. Cameras with timestamps (RealEstate10k, CAD-Estate) may have a video in ``root`` instead.
 
-def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool = True) -> Scene:
-    """Read the scene folder ``root``: cameras, images, annotations, optional depth, in any known format.
-
-    Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. Cameras with
-    timestamps (RealEstate10k, CAD-Estate) may have a video file in ``root`` instead. ``annotations`` is the file or
-    folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
-    a scene without annotations is one without key frames.
+    ``cameras`` and ``annotations`` are the file or folder to read, as a path or within ``root``, where there are
+    several or they lie elsewhere; ``labels.json`` lies beside the annotations. Several sources of cameras that agree
+    need no choice (see ``gtlayout.io.choosing``). Where ``annotated`` is false a scene without annotations is one
+    without key frames.
 
     ScanNet and phone scans are metric. Most formats do not state their unit. Their scenes count as metric when
-    depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
-    ``{"metric": false}`` overrules both.
+    depth maps come with them (they are millimetres), else not. ``scene.json`` overrules both: see
+    ``gtlayout.io.units``.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
     ``Scene.warnings`` lists what was repaired or skipped.
     """
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")
-    reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
-    metric = _declared_metric(root / SCENE_FILE)
-    scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=annotated)
-    return scene if metric is None else replace(scene, metric=metric)
+    unit = read_unit(root / SCENE_FILE)
+    posed = in_metres(read_cameras(root, cameras)[1], unit)
+    if annotations is not None:
+        annotations = named_path(root, annotations, "annotations")
+    scene = scene_of(root, posed, annotations, annotated=annotated)
+    return scene if unit.metric is None else replace(scene, metric=unit.metric)
 
 
-def scene_of(root: Path, cameras: PosedImages, annotations: Path, *, annotated: bool) -> Scene:
+def read_cameras(root: Path, cameras: Path | None = None) -> tuple[Source[PosedImages], PosedImages]:
+    """The source that the scene's cameras are read from, and what it says; arguments and errors as for ``load_scene``.
+
+    In the unit of the source.
+    """
+    if cameras is None:
+        place, sources = root, sources_in(root, CAMERA_READERS)
+    else:
+        place = named_path(root, cameras, "cameras")
+        sources = named_sources(place, CAMERA_READERS)
+    require_some(sources, place, CAMERA_READERS, "cameras")
+    return read_richest(root, sources)
+
+
+def scene_of(root: Path, cameras: PosedImages, annotations: Path | None, *, annotated: bool) -> Scene:
     """The scene that ``cameras`` and the annotations in the file or folder ``annotations`` make; see ``load_scene``."""
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
-    key_frames, annotation_warnings = _key_frames(annotations, frames, without_image, annotated)
+    key_frames, annotation_warnings = _key_frames(root, annotations, frames, without_image, annotated)
     metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
     return Scene(root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *annotation_warnings))
 
 
 def _key_frames(
-    path: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
+    root: Path, named: Path | None, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
 ) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
-    """What the annotations in the folder ``path``, or the file ``path``, make of the frames, and warnings."""
-    folder = path if path.is_dir() else path.parent
+    """What the annotations in the scene folder ``root``, or the ``named`` ones, make of the frames, and warnings."""
+    path = root if named is None else named
     if not path.exists():
         raise GtlayoutError(f"no annotations {path}")
-    found = [(reader, file) for reader, file in _found(folder, ANNOTATION_READERS) if path in (folder, file)]
-    if not found and not annotated:
+    sources = sources_in(root, ANNOTATION_READERS) if named is None else named_sources(named, ANNOTATION_READERS)
+    if not sources and named is None and not annotated:
         return (), ()
-    reader, file = _the_one(path, found, ANNOTATION_READERS, "annotations")
-    raw = reader.read(folder, file)
+    source = the_one(sources, path, ANNOTATION_READERS, "annotations")
+    folder = path if path.is_dir() else path.parent
+    raw = source.reader.read(folder, source.path)
     key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
     return key_frames, (*raw.warnings, *warnings)
-
-
-def _found(root: Path, readers: Sequence[Reader[T]]) -> list[tuple[Reader[T], Path]]:
-    return [(reader, path) for reader in readers for path in reader.detect(root)]
-
-
-def _the_one(
-    root: Path, found: Sequence[tuple[Reader[T], Path]], readers: Sequence[Reader[T]], what: str
-) -> tuple[Reader[T], Path]:
-    if not found:
-        looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in readers)
-        raise GtlayoutError(f"no {what} in {root}; looked for {looked_for}")
-    if len(found) > 1:
-        paths = ", ".join(f"{path} ({reader.name})" for reader, path in found)
-        raise GtlayoutError(f"{what} in more than one place: {paths}; leave one of them in the scene folder")
-    return found[0]
-
-
-def _declared_metric(path: Path) -> bool | None:
-    if not path.exists():
-        return None
-    data = read_json(path)
-    if set(data) != {"metric"} or not isinstance(data["metric"], bool):
-        raise GtlayoutError(f'{path} must be {{"metric": true}} or {{"metric": false}}')
-    return data["metric"]

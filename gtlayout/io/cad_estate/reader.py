@@ -26,7 +26,17 @@ from gtlayout.io.cameras.lenses import MAX_STRETCH, finite, lens
 from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timed_images import TimedImages, find_timed_images
 from gtlayout.io.files import read_json
-from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader, named, usable
+from gtlayout.io.sources import (
+    PosedImage,
+    PosedImages,
+    RawAnnotations,
+    RawKeyFrame,
+    RawShape,
+    Reader,
+    json_with,
+    named,
+    usable,
+)
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
@@ -201,5 +211,5 @@ def _detect_masks(root: Path) -> list[Path]:
     return [root / MASKS_FOLDER] if (root / MASKS_FOLDER).is_dir() else []
 
 
-CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames)
+CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames, json_with("clip_name", "frames"))
 ANNOTATION_READER = Reader("CAD-Estate", MASKS_FOLDER, _detect_masks, read_masks)

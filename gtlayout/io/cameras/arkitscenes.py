@@ -181,4 +181,8 @@ def _detect(root: Path) -> list[Path]:
     return [first for files in found if (first := next(filter(Path.is_file, files), None))]
 
 
-READER = Reader("ARKitScenes", "lowres_wide.traj", _detect, read_arkitscenes)
+def _recognise(path: Path) -> list[Path]:
+    return [path] if path.is_file() and path.suffix == ".traj" else []
+
+
+READER = Reader("ARKitScenes", "lowres_wide.traj", _detect, read_arkitscenes, _recognise)

@@ -19,7 +19,7 @@ from gtlayout.io.cameras.poses import OPENGL_FROM_OPENCV, cam_from_world_opengl
 from gtlayout.io.cameras.transforms_lens import read_lens, warnings_of
 from gtlayout.io.files import path_inside, read_json, write_json_atomic
 from gtlayout.io.pixels.images import size_of_first
-from gtlayout.io.sources import PosedImage, PosedImages, Reader, named, usable
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, json_with, named, usable
 from gtlayout.scene import FloatArray, Frame
 
 FILE_NAME = "transforms.json"
@@ -132,4 +132,6 @@ def _intrinsics_of(frame: Frame) -> dict[str, float]:
     return {**{key: float(value) for key, value in focal_and_center.items()}, "w": camera.width, "h": camera.height}
 
 
-READER = Reader("nerfstudio", FILE_NAME, named(FILE_NAME), read_transforms)
+READER = Reader(
+    "nerfstudio", FILE_NAME, named(FILE_NAME), read_transforms, json_with("frames", "transform_matrix", "file_path")
+)

@@ -165,4 +165,8 @@ def _begins_with_address(path: Path) -> bool:
     return ADDRESS.encode() in line and len(line.split()) == 1
 
 
-READER = Reader("RealEstate10k", "a .txt that begins with the address of a video", _detect, read_re10k)
+def _recognise(path: Path) -> list[Path]:
+    return [path] if path.is_file() and _begins_with_address(path) else []
+
+
+READER = Reader("RealEstate10k", "a .txt that begins with the address of a video", _detect, read_re10k, _recognise)

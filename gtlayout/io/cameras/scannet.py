@@ -28,13 +28,16 @@ POSE_SUFFIX = ".pose.txt"
 IMAGE_SUFFIXES = (".jpg", ".png")
 
 
-def read_scannet(root: Path, path: Path) -> PosedImages:
-    """Read the poses in ``path``; frames whose pose was lost (not finite) are left out, with a warning.
+def read_scannet(_root: Path, path: Path) -> PosedImages:
+    """Read the poses in ``path`` and what is beside them.
+
+    Frames whose pose was lost (not finite) are left out, with a warning.
 
     Depth maps may have another size and other intrinsics than the images, but not another pose. They are left out,
     with a warning, where ``extrinsic_color.txt`` and ``extrinsic_depth.txt`` differ.
     Raises GtlayoutError naming the file that is absent, damaged, or no camera.
     """
+    root = path.parent if path.name == "pose" else path
     read, skipped = usable(_pose_files(path), lambda file: (file, _pose(file)))
     poses = dict(read)
     found = {file: pose for file, pose in poses.items() if np.all(np.isfinite(pose))}

@@ -169,4 +169,20 @@ def _is_in(folder: Path, name: str) -> bool:
         return False
 
 
-READER = Reader("COLMAP", "sparse/0, sparse/ or the folder itself with cameras.bin/.txt", find_models, read_colmap)
+def _recognise(path: Path) -> list[Path]:
+    """The folder of a model that was named, by itself, by one of its files, or by the folder above several."""
+    if path.is_file():
+        names = {f"{part}.{form}" for part in PARTS for form in get_args(Form)}
+        return [path.parent] if path.name in names else []
+    folders = [path, *(p for p in sorted(path.iterdir()) if p.is_dir())]
+    return [folder for folder in folders if len(_missing_parts(folder)) < len(PARTS)]
+
+
+READER = Reader(
+    "COLMAP",
+    "sparse/0, sparse/ or the folder itself with cameras.bin/.txt",
+    find_models,
+    read_colmap,
+    _recognise,
+    in_parts=True,
+)
