@@ -19,6 +19,8 @@ MAX_RAY_SHARE = 0.02
 MAX_TURN_DEG = 1.0
 MAX_MOVE_SHARE = 0.02
 """Of the camera's path; likewise for two sets of poses of one video, a similarity apart."""
+STILL = 1e-9
+"""Positions that differ by less, as a share of their size, are one."""
 GRID = 5
 """Pixels each way at which lenses are compared."""
 
@@ -28,7 +30,7 @@ Key = tuple[Path, int]
 def there(images: Sequence[PosedImage]) -> dict[Key, PosedImage]:
     """The images whose pixels are there, by what holds them: the file, or the video and the number of the frame."""
     return {
-        (image.video.video.path, image.video.index) if image.video else (image.image_path, -1): image
+        (image.video.video.path, image.video.index) if image.video else (image.image_path.resolve(), -1): image
         for image in images
         if image.is_there
     }
@@ -74,15 +76,18 @@ def _pose_difference(pairs: Sequence[tuple[PosedImage, PosedImage]]) -> tuple[fl
     u, _, vt = np.linalg.svd(np.einsum("nji,njk->ik", R_a, R_b))
     a_from_b = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
     angles = np.linalg.norm(R_a - R_b @ a_from_b.T, axis=(1, 2)) / np.sqrt(8)
+    turn_deg = float(np.rad2deg(2 * np.arcsin(np.clip(angles, 0, 1))).max())
     centers_a, centers_b = (_centred([pair[i] for pair in pairs]) for i in (0, 1))
+    if not centers_a.any() or not centers_b.any():
+        return turn_deg, float(centers_a.any() or centers_b.any())
     turned = centers_b @ a_from_b.T
-    scale = np.linalg.norm(centers_a) / max(float(np.linalg.norm(turned)), 1e-300)
-    path = max(float(np.linalg.norm(np.ptp(centers_a, axis=0))), 1e-300)
-    apart = float(np.linalg.norm(centers_a - scale * turned, axis=1).max())
-    return float(np.rad2deg(2 * np.arcsin(np.clip(angles, 0, 1))).max()), apart / path
+    turned *= np.linalg.norm(centers_a) / np.linalg.norm(turned)
+    path = float(np.linalg.norm(np.ptp(centers_a, axis=0)))
+    return turn_deg, float(np.linalg.norm(centers_a - turned, axis=1).max()) / path
 
 
 def _centred(images: Sequence[PosedImage]) -> FloatArray:
-    """(N, 3) camera centres, with their mean as origin."""
+    """(N, 3) camera centres, with their mean as origin; 0 where they do not move but for rounding."""
     centers = np.array([-image.R_cam_from_world.T @ image.t_cam_from_world for image in images])
-    return centers - centers.mean(axis=0)
+    still = np.ptp(centers, axis=0).max() <= STILL * np.abs(centers).max()
+    return np.zeros_like(centers) if still else centers - centers.mean(axis=0)

@@ -44,8 +44,8 @@ def unit_doubt(
 
 def depth_doubt(median_depth: float, config: QualityConfig) -> str | None:
     """Why the median depth of a scene cannot be in metres; None when it can, or is not known."""
-    least, most = config.room_depth_m
-    if np.isnan(median_depth) or least <= median_depth <= most:
+    most = config.max_room_depth_m
+    if np.isnan(median_depth) or config.min_room_depth_m <= median_depth <= most:
         return None
     likely = next((name for limit, name in OTHER_UNITS if most < median_depth <= limit), None)
     unit = f"that looks like {likely}" if likely else "no room is that size"

@@ -58,7 +58,7 @@ def read_lens(file: Keys, frame: Keys, size: tuple[int, int] | None, where: str)
     """
     values = {**file, **frame}
     for key in PANORAMAS:
-        if values.get(key) not in (None, False):
+        if values.get(key) is not None and values[key] is not False:
             raise GtlayoutError(f"{where}: a lens with {key} is not supported; known are {', '.join(KNOWN)}")
     if skewed := [key for key in SKEW if _number(values, key, where, 0.0)]:
         raise GtlayoutError(f"{where}: pixels with skew ({skewed[0]} = {values[skewed[0]]:g}) are not supported")

@@ -56,6 +56,8 @@ def _cameras(file: Path) -> dict[int, pycolmap.Camera | GtlayoutError]:
         if not words or not words[0].isdecimal():
             continue  # Without a number no image can mean it.
         try:
+            if words[1] not in pycolmap.CameraModelId.__members__:
+                raise ValueError
             camera = pycolmap.Camera(
                 camera_id=int(words[0]),
                 model=words[1],
