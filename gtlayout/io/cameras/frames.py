@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import doubt, scaled
@@ -79,7 +80,7 @@ def _without_doubles(ordered: Sequence[PosedImage], root: Path) -> tuple[list[Po
 def _same(one: PosedImage, other: PosedImage) -> bool:
     return (
         one.image_path == other.image_path
-        and one.camera.todict() == other.camera.todict()
+        and _lens(one.camera) == _lens(other.camera)
         and np.allclose(one.R_cam_from_world, other.R_cam_from_world, atol=1e-9)
         and np.allclose(one.t_cam_from_world, other.t_cam_from_world, rtol=1e-9)
     )
@@ -116,6 +117,10 @@ def _frame(root: Path, image: PosedImage) -> Frame:
 
 def _depth_path(root: Path, image: PosedImage) -> Path:
     return image.depth_path or (root / "depth" / image.name).with_suffix(".png")
+
+
+def _lens(camera: pycolmap.Camera) -> tuple[object, ...]:
+    return camera.model_name, camera.width, camera.height, *(float(parameter) for parameter in camera.params)
 
 
 def _sizes(images: Sequence[PosedImage]) -> dict[tuple[int, int], tuple[int, int]]:

@@ -23,10 +23,10 @@ MAX_STRETCH = 0.01
 MAX_OFF_CENTRE = 0.2
 """Share of the side by which a principal point is off the image's centre without a doubt: lenses and sensors are built
 to 1 or 2 %, structure from motion errs by 5 %, and what is farther off is cropped or of images of another size."""
-SAME_SHARE = 0.05
+SAME_SHARE = 0.1
 """A principal point lies at the same share of both sides, as in an image of another size, when so much is between
-them."""
-DOUBTED_SIZE, OTHER_SIZE = 1.05, 1.5
+them: twice the error of structure from motion."""
+DOUBTED_SIZE, OTHER_SIZE = 1.1, 1.5
 """From this ratio of sizes on, to either side, intrinsics are doubted to be of images of this size; and are not."""
 
 
