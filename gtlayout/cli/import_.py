@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.cli.console import print_warnings, progress_bars, stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, Sources, print_warnings, progress_bars, stdout
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.importing import import_scene
 from gtlayout.io.annotations.labeling import label_config as read_label_config
@@ -22,13 +22,13 @@ def import_(
     out: Annotated[Path | None, Parameter(name="OUT")] = None,
     /,
     *,
-    annotations: Path | None = None,
     colmap: Annotated[bool, NO_NEGATIVE] = False,
     rate: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     focal: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     depth_scale: Path | None = None,
     known_distance: Path | None = None,
     label_config: Literal["cvat", "label-studio"] | None = None,
+    sources: Sources = FROM_THE_FOLDER,
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
 ) -> None:
     """Turn cameras, video and annotations of any known format into a scene folder, undistorted and upright.
@@ -42,8 +42,6 @@ def import_(
         A folder with cameras and images or a video; with --colmap a video or a folder of images.
     out
         The scene folder to make; it must not exist or be empty.
-    annotations
-        File, zip or folder of annotations that are elsewhere.
     colmap
         Find the cameras with COLMAP: features, sequential matching, incremental mapping, on the CPU.
     rate
@@ -75,7 +73,8 @@ def import_(
         imported = import_scene(
             source,
             out,
-            annotations,
+            sources.annotations,
+            cameras=sources.cameras,
             rate_hz=(rate or DEFAULT_RATE_HZ) if colmap else None,
             focal_px=focal,
             depth_scale=depth_scale,

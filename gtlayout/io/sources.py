@@ -121,6 +121,11 @@ class Reader(Generic[T]):
     """Scene folder → the files or folders of this format in it."""
     read: Callable[[Path, Path], T]
     """(scene folder, the one detected path) → the data; raises GtlayoutError."""
+    recognise: Callable[[Path], list[Path]] = lambda _path: []
+    """A file or folder that a user named, and that ``detect`` does not know by its name → what ``read`` takes of it;
+    none when it is of another format."""
+    in_parts: bool = False
+    """Whether several of them in one scene are parts or stages of one, of which the largest counts."""
 
 
 def named(name: str) -> Callable[[Path], list[Path]]:
@@ -131,6 +136,18 @@ def named(name: str) -> Callable[[Path], list[Path]]:
         return [path] if path.exists() else []
 
     return detect
+
+
+def json_with(*keys: str) -> Callable[[Path], list[Path]]:
+    """Recognises a JSON object with these keys in it or in what it lists, whatever the file is called."""
+
+    def recognise(path: Path) -> list[Path]:
+        if not path.is_file() or path.suffix.lower() != ".json":
+            return []
+        text = path.read_bytes()
+        return [path] if all(f'"{key}"'.encode() in text for key in keys) else []
+
+    return recognise
 
 
 def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple[str, ...]]:

@@ -23,9 +23,20 @@ from gtlayout.io.annotations.masks import decode_mask, mask_polygons, simple_rin
 from gtlayout.io.cad_estate.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.cad_estate.room_structure import read_room_structure
 from gtlayout.io.cameras.lenses import MAX_STRETCH, finite, lens
+from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timed_images import TimedImages, find_timed_images
 from gtlayout.io.files import read_json
-from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader, named, usable
+from gtlayout.io.sources import (
+    PosedImage,
+    PosedImages,
+    RawAnnotations,
+    RawKeyFrame,
+    RawShape,
+    Reader,
+    json_with,
+    named,
+    usable,
+)
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
@@ -140,16 +151,18 @@ def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> P
     if min(fx, fy) <= 0:
         raise GtlayoutError(f"{where}: focal lengths must be positive")
     w, x, y, z = quat_wxyz = _numbers(pose.get("rotation"), 4, f"{where}: rotation")
-    if abs(math.hypot(*quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
-        raise GtlayoutError(f"{where}: rotation is no unit quaternion")
+    length = math.hypot(*quat_wxyz)
+    if abs(length - 1) > MAX_QUATERNION_ERROR:
+        raise GtlayoutError(f"{where}: rotation is no unit quaternion (its length is {length:.4g})")
+    turned = np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64)
+    moved = _numbers(pose.get("translation"), 3, f"{where}: translation")
     name = f"{clip.video}_{frame['timestamp']}.jpg"
     scale_x, scale_y = clip.scale
     return PosedImage(
         name,
         clip.images.paths[index],
         lens("PINHOLE", clip.images.size, [fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y], where),
-        np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64),
-        np.array(_numbers(pose.get("translation"), 3, f"{where}: translation")),
+        *rigid(np.column_stack([turned, moved]), f"{where}: the pose"),
         video=clip.images.video_frames[index],
     )
 
@@ -227,5 +240,5 @@ def _detect_masks(place: Path) -> list[Path]:
     return [folder] if folder.is_dir() else []
 
 
-CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames)
+CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames, json_with("clip_name", "frames"))
 ANNOTATION_READER = Reader("CAD-Estate", MASKS_FOLDER, _detect_masks, read_masks)

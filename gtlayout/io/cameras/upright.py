@@ -10,6 +10,7 @@ from typing import Any
 import numpy.typing as npt
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.cameras.lenses import same_shape
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.pixels.turn import AS_STORED, Header, Turn, read_header
 from gtlayout.io.sources import PosedImage
@@ -91,9 +92,16 @@ def header_with_tag(image: PosedImage) -> Header | None:
 
 
 def is_of_shown(image: PosedImage, header: Header | None) -> bool:
-    """Whether the size of the image's camera says that it is of the image as shown, and not as stored."""
+    """Whether the size of the image's camera says that it is of the image as shown, and not as stored.
+
+    Where it is neither's size its shape says it: cameras may be for images of another size.
+    """
+    if header is None:
+        return False
     size = (image.camera.width, image.camera.height)
-    return header is not None and size != header.size and size == header.turn.size(header.size)
+    if size in (header.size, header.shown_size):
+        return size != header.size
+    return same_shape(size, header.shown_size) and not same_shape(size, header.size)
 
 
 def upright(header: Header, lens: Undistortion | None, *, of_shown: bool) -> Upright:

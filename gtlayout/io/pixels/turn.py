@@ -98,6 +98,11 @@ class Header:
     size: tuple[int, int]
     """(width, height) px as stored."""
 
+    @property
+    def shown_size(self) -> tuple[int, int]:
+        """(width, height) px as a viewer shows the image."""
+        return self.turn.size(self.size)
+
 
 def read_header(path: Path) -> Header | None:
     """The orientation and the stored size of an image file; None when it is no image.

@@ -21,7 +21,7 @@ from gtlayout.io.cameras.re10k import write_re10k
 from gtlayout.io.cameras.scannet import write_scannet
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.pixels.exports import the_one_size, write_depth, write_image, write_jpeg, write_truth
-from gtlayout.io.scene_folder import SCENE_FILE
+from gtlayout.io.units import SCENE_FILE
 from gtlayout.io.video_record import origin_of, write_video_record
 from gtlayout.scene import Frame, KeyFrame, Scene
 
