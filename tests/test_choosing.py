@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import unicodedata
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -75,6 +76,18 @@ def test_images_that_are_not_there_do_not_count(tiny: Path, frames: list[Frame])
     write_colmap(tiny / "sparse/0", [*frames[:3], *(replace(frame, name=f"gone/{frame.name}") for frame in frames)])
     write_colmap(tiny / "sparse/1", frames[:4])
     assert read_cameras(tiny)[0].path == tiny / "sparse/1"
+
+
+def test_images_that_are_spelled_otherwise_on_disk_count(tiny: Path, frames: list[Frame]) -> None:
+    for frame in frames:
+        frame.image_path.rename(tiny / "images" / unicodedata.normalize("NFD", f"Küche{frame.name}"))
+    write_colmap(tiny / "sparse/0", [replace(frame, name=f"Küche{frame.name}") for frame in frames])
+    named = [replace(frame, name=f"Ku\u0308che{frame.name}") for frame in frames[:4]]
+    write_transforms(
+        tiny / "transforms.json", [replace(frame, image_path=tiny / "images" / frame.name) for frame in named]
+    )
+    assert read_cameras(tiny)[0].path == tiny / "sparse/0"
+    assert len(load_scene(tiny).frames) == 5
 
 
 def test_a_model_that_cannot_be_read_is_left_out(tiny: Path, frames: list[Frame]) -> None:

@@ -15,6 +15,7 @@ from exif import shown_rgb, write_tagged
 from PIL import Image, ImageOps
 
 from gtlayout.cli.app import main
+from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.images import decode, read_depth, read_rgb
 from gtlayout.io.pixels.turn import TURNS, read_header
 from gtlayout.io.scene_folder import load_scene
@@ -176,6 +177,29 @@ def test_cameras_of_the_size_shown_are_of_the_image_shown(tiny: Path, edit_json:
     assert np.array_equal(read_rgb(scene.frames[0]), shown_rgb(tiny / "images/000.png"))
     assert (scene.frames[0].camera.width, scene.frames[0].camera.height) == (48, 64)
     np.testing.assert_allclose(scene.frames[1].camera.center_world, [0.1, 0, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("of_shown", [False, True])
+@pytest.mark.parametrize("orientation", ALL[1:])
+def test_cameras_of_another_size_are_scaled_to_the_image_they_are_of(
+    tiny: Path, edit_json: Edit, orientation: int, of_shown: bool
+) -> None:
+    tag_all(tiny, orientation)
+    width, height = shown_size(orientation) if of_shown else (64, 48)
+    seen = {"w": width, "h": height, "fl_x": 60.0, "fl_y": 61.0, "cx": width / 2 + 1, "cy": height / 2 - 2}
+    edit_json(tiny / "transforms.json", lambda d: d.update(seen))
+    edit_json(tiny / "annotations.json", lambda d: d.update(image_size=shown_size(orientation)))
+    before = load_scene(tiny)
+    edit_json(tiny / "transforms.json", lambda d: d.update({key: 3 * value for key, value in seen.items()}))
+    after = load_scene(tiny)
+    says = f"images of {3 * width}x{3 * height} px, but the images are {width}x{height}: their intrinsics were scaled"
+    assert [line for line in after.warnings if line not in before.warnings and says not in line] == []
+    assert sum(says in line for line in after.warnings) == 1
+    _assert_same_scene(before, after)
+    # Another shape than either is of neither.
+    edit_json(tiny / "transforms.json", lambda d: d.update(w=150, h=150, cx=75, cy=75))
+    with pytest.raises(GtlayoutError, match="is for images of 150x150 px"):
+        load_scene(tiny)
 
 
 def test_depth_maps_turn_with_their_image(tiny: Path) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pycolmap
 
 from gtlayout.figures import short
-from gtlayout.io.sources import PosedImage
+from gtlayout.io.image_names import FilesOnDisk
+from gtlayout.io.sources import PosedImage, on_disk
 from gtlayout.scene import FloatArray
 
 MIN_COMMON = 3
@@ -31,7 +32,7 @@ def there(images: Sequence[PosedImage]) -> dict[Key, PosedImage]:
     """The images whose pixels are there, by what holds them: the file, or the video and the number of the frame."""
     return {
         (image.video.video.path, image.video.index) if image.video else (image.image_path.resolve(), -1): image
-        for image in images
+        for image in on_disk(images, FilesOnDisk())
         if image.is_there
     }
 

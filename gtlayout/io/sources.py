@@ -6,13 +6,14 @@ A new format is one file that fills these types and one entry in ``gtlayout.io``
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.scene import FloatArray, VideoFrame
 
@@ -148,6 +149,12 @@ def json_with(*keys: str) -> Callable[[Path], list[Path]]:
         return [path] if all(f'"{key}"'.encode() in text for key in keys) else []
 
     return recognise
+
+
+def on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
+    """The images, those whose file is spelled otherwise on disk with the path that it has."""
+    paths = files.find_each([[] if image.video is not None else [image.image_path] for image in images])
+    return [replace(image, image_path=path) if path else image for image, path in zip(images, paths, strict=True)]
 
 
 def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple[str, ...]]:

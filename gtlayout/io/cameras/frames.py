@@ -16,12 +16,12 @@ import pycolmap
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import doubt, scaled
 from gtlayout.io.cameras.undistort import undistortion
-from gtlayout.io.cameras.upright import Turned, header_with_tag, is_of_shown, orientation_lines, upright
+from gtlayout.io.cameras.upright import Turned, header_with_tag, is_of_shown, orientation_lines, size_seen, upright
 from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.pixels.turn import AS_STORED, Header
-from gtlayout.io.sources import PosedImage, usable
+from gtlayout.io.sources import PosedImage, on_disk, usable
 from gtlayout.scene import Camera, Frame
 
 MIN_FRAMES = 3
@@ -41,7 +41,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     """
     files = FilesOnDisk()
     kept, warnings = _without_doubles(sorted(images, key=lambda image: natural(image.name)), root)
-    ordered = _on_disk(kept, files)
+    ordered = on_disk(kept, files)
     present = [image for image in ordered if image.is_there]
     missing = [image for image in ordered if not image.is_there]
     if ordered and not present:
@@ -92,12 +92,6 @@ def _same(one: PosedImage, other: PosedImage) -> bool:
         and np.allclose(one.R_cam_from_world, other.R_cam_from_world, atol=1e-9)
         and np.allclose(one.t_cam_from_world, other.t_cam_from_world, rtol=1e-9)
     )
-
-
-def _on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
-    """The images, those whose file is spelled otherwise on disk with the path that it has."""
-    paths = files.find_each([[] if image.video is not None else [image.image_path] for image in images])
-    return [replace(image, image_path=path) if path else image for image, path in zip(images, paths, strict=True)]
 
 
 def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnDisk) -> Frame:
@@ -166,7 +160,7 @@ def _fitted(image: PosedImage, header: Header | None, sizes: Mapping[tuple[int, 
     Raises GtlayoutError when these have another shape.
     """
     stated = (image.camera.width, image.camera.height)
-    size = sizes[stated] if header is None else header.shown_size if is_of_shown(image, header) else header.size
+    size = sizes[stated] if header is None else size_seen(image, header)
     if size == stated:
         return image
     path = image.video.video.path if image.video else image.image_path

@@ -104,6 +104,11 @@ def is_of_shown(image: PosedImage, header: Header | None) -> bool:
     return same_shape(size, header.shown_size) and not same_shape(size, header.size)
 
 
+def size_seen(image: PosedImage, header: Header) -> tuple[int, int]:
+    """(width, height) px of the image that the camera is of: as shown or as stored."""
+    return header.shown_size if is_of_shown(image, header) else header.size
+
+
 def upright(header: Header, lens: Undistortion | None, *, of_shown: bool) -> Upright:
     """The way of an image to its frame, whose camera is of the image as shown or as stored.
 
