@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import SHARED_DATA
 
 from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
@@ -332,24 +333,6 @@ def test_nothing_to_say_of_a_readable_place(bare: Path) -> None:
     assert not any(isinstance(kind, Foreign) for kind in kinds_in(bare).values())
 
 
-FAULTS = SHARED_DATA / "reading_faults"
-
-
-@pytest.mark.skipif(not FAULTS.is_dir(), reason="shared/data/reading_faults is not beside the checkout")
-def test_files_as_people_have_them(tmp_path: Path) -> None:
-    given = FAULTS / "annotations_option_ignored"
-    assert len(load_scene(FAULTS / "bom_json", annotated=False).frames) == 4
-    assert len(load_scene(FAULTS / "labelme_imagedata_first").key_frames) == 1
-    assert len(load_scene(given, given / "cvat_export.zip").key_frames) == 1
-    for folder, named, says in (
-        (given, given / "annotations.txt", r"annotations\.txt is no file of a known tool"),
-        (FAULTS / "ls_keypoint_rectangle", None, r"region skipped: it is of type keypoint"),
-        (FAULTS / "no_reason_cvat", None, r"points skipped: .*; tag skipped: "),
-    ):
-        with pytest.raises(GtlayoutError, match=says):
-            load_scene(folder, named, annotated=False)
-
-
 def test_the_module_is_the_command() -> None:
     command = [sys.executable, "-m", "gtlayout"]
     root = Path(__file__).parents[1]
@@ -358,3 +341,12 @@ def test_the_module_is_the_command() -> None:
     assert shown.stdout.startswith("Usage: gtlayout COMMAND")
     failed = subprocess.run([*command, "check", "nowhere"], capture_output=True, text=True, check=False, cwd=root)
     assert (failed.returncode, failed.stderr) == (1, "gtlayout: no scene folder nowhere\n")
+
+
+def test_files_are_closed(bare: Path) -> None:
+    (bare / "export.json").write_text(json.dumps(COCO))
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert kinds_in(bare)
+        gc.collect()
+    assert said == []

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from conftest import SHARED_DATA
 from exif import write_tagged
 from PIL import Image
 
@@ -210,19 +209,3 @@ def test_cameras_of_heic_images_are_found(room: Path, tmp_path: Path) -> None:
     found = reconstruct(folder, names, tmp_path / "work")
     assert found.registered == names
     assert all(name.endswith(".HEIC") for name in names)
-
-
-@pytest.mark.parametrize("name", ["images_silently_left_out", "colmap_heic_only"])
-def test_the_folders_as_found(name: str) -> None:
-    folder = SHARED_DATA / "reading_faults" / name
-    if not folder.is_dir():
-        pytest.skip("the folders of files as people have them are not beside the checkout")
-    if name == "colmap_heic_only":
-        with pytest.raises(GtlayoutError, match=r"IMG_0.HEIC, IMG_1.HEIC, IMG_2.HEIC, IMG_3.HEIC"):
-            list_images(folder)
-        return
-    _, names, lines = list_images(folder)
-    assert len(names) == 17
-    assert sum(name.endswith(".tif") for name in names) == 3
-    assert len(lines) == 1
-    assert "IMG_0017.HEIC" in lines[0]

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 
 from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
@@ -479,22 +478,3 @@ def test_reasons_of_the_reader_are_said_when_nothing_is_left(tiny: Path) -> None
     (tiny / "a.xml").write_text('<annotations><image name="001.png" width="64" height="48"/></annotations>')
     with pytest.raises(GtlayoutError, match=r"no usable element in any frame \(nothing is drawn in it\)"):
         load_scene(tiny)
-
-
-@pytest.mark.parametrize(
-    ("folder", "frames", "said"),
-    [
-        ("cvat_video_numbers", [7, 14], ["numbers of 240 frames, the scene has 16 images"]),
-        ("folder_suffix", [0], []),
-        ("nfd_nfc", [0], []),
-    ],
-)
-def test_files_as_people_have_them(folder: str, frames: list[int], said: list[str]) -> None:
-    root = SHARED_DATA / "reading_faults" / folder
-    if not root.is_dir():
-        pytest.skip("the files as people have them are not beside the checkout")
-    scene = load_scene(root)
-    assert [key_frame.frame for key_frame in scene.key_frames] == frames
-    about = [line for line in scene.warnings if line.startswith("annotations.xml")]
-    assert len(about) == len(said)
-    assert all(part in line for part, line in zip(said, about, strict=True))

@@ -10,7 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import SHARED_DATA
 from exif import shown_rgb, write_tagged
 from PIL import Image, ImageOps
 
@@ -276,15 +275,3 @@ def test_a_damaged_image_costs_itself(tiny: Path, content: bytes, capfd: pytest.
     assert main(["import", str(tiny), str(tiny / "out")]) == 0
     assert "002.png: damaged, or not an image: left out" in capfd.readouterr().out
     assert len(load_scene(tiny / "out").frames) == 4
-
-
-def test_the_folder_as_found(tmp_path: Path) -> None:
-    """Drawn on the image as shown, upside down as stored: import writes both upright."""
-    folder = SHARED_DATA / "reading_faults/exif_180"
-    if not folder.is_dir():
-        pytest.skip("the folders of files as people have them are not beside the checkout")
-    assert main(["import", str(folder), str(tmp_path / "out")]) == 0
-    scene = load_scene(tmp_path / "out")
-    assert scene.key_frames[0].elements[0].amodal.bounds == (20, 140, 320, 240)
-    stored = decode(folder / "images/000000.jpg", cv2.IMREAD_COLOR_RGB)
-    assert np.abs(read_rgb(scene.frames[0]).astype(int) - stored[::-1, ::-1]).mean() < 5  # coded anew

@@ -163,8 +163,8 @@ def _recognised(path: Path, _changed_ns: int, _size: int) -> AnnotationKind | Fo
     meant: AnnotationKind | None = "native" if path.name == NATIVE_FILE else None
     with open_bytes(path) as file:
         encoding = json.detect_encoding(file.read(4))
-    with open_bytes(path) as file:
-        windows = _windows(io.TextIOWrapper(file, encoding, errors="replace"))
+    with open_bytes(path) as file, io.TextIOWrapper(file, encoding, errors="replace") as text:
+        windows = _windows(text)
         head = next(windows, "").lstrip("\ufeff").lstrip()
         if head.startswith("<"):
             return _xml_kind(head)
