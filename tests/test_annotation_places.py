@@ -93,7 +93,7 @@ BOTH = {"001.png": 1200.0, "003.png": 1200.0}
 @pytest.mark.parametrize("ending", ["json", "JSON"])
 @pytest.mark.parametrize("data", [COCO, TASKS], ids=["coco", "label-studio"])
 def test_json_in_any_encoding(bare: Path, data: Any, encoding: str, ending: str) -> None:
-    (bare / f"export.{ending}").write_bytes(json.dumps(data).encode(encoding))
+    (bare / f"export.{ending}").write_bytes(f"\r\n {json.dumps(data)}\n\n".encode(encoding))
     assert _areas(bare) == BOTH
 
 
@@ -127,7 +127,7 @@ def _with_first(key: str, value: Any, data: dict[str, Any]) -> dict[str, Any]:
     [
         (_with_first("imageData", "A" * 3_000_000, LABELME), "labelme"),
         (_with_first("notes", "A" * 3_000_000, LABELME), "labelme"),
-        (_with_first("notes", "A" * (WINDOW - 20), LABELME), "labelme"),  # the next key lies across two windows
+        ({"frames": ["A" * (WINDOW - 32)], "format": "gtlayout-annotations/1"}, "native"),  # across two windows
         (_with_first("info", {"description": "A" * 200_000}, COCO), "coco"),
         (
             {"annotations": [{"segmentation": {"counts": [1] * 100_000, "size": [9, 9]}, "image_id": 1}]},
@@ -179,9 +179,10 @@ def test_a_zip_needs_no_ending_and_a_file_in_it_can_be_named(bare: Path, tmp_pat
 
 
 def test_labels_beside_a_zip_count(bare: Path) -> None:
-    _zip(bare / "export.zip", annotations_xml=CVAT.replace('"wall"', '"Wand"'))
+    archive = _zip(bare / "export.zip", annotations_xml=CVAT.replace('"wall"', '"Wand"'))
     (bare / "labels.json").write_text('{"Wand": "wall"}')
-    assert _areas(bare) == BOTH
+    for named in (None, archive, archive / "annotations.xml"):
+        assert _areas(bare, named) == BOTH
 
 
 def test_a_zip_beside_what_was_unpacked_from_it_stays_shut(tiny: Path) -> None:
@@ -276,9 +277,9 @@ def test_names_in_a_zip_lead_nowhere(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     archive = tmp_path / "in/export.zip"
     with zipfile.ZipFile(archive, "w") as content:
-        for name in ("../secret.xml", "a/../../secret.xml", "/secret.xml", "x" * 2000 + ".xml", "ok.xml"):
+        for name in ("../secret.xml", "a/../../secret.xml", "/secret.xml", "x" * 2000 + ".xml", "of\\windows.xml"):
             content.writestr(name, "<annotations/>")
-    assert members(archive) == [archive / "ok.xml", archive / "secret.xml"]
+    assert members(archive) == [archive / "of/windows.xml", archive / "secret.xml"]
     assert read_bytes(archive / "secret.xml") == b"<annotations/>"
     with pytest.raises(GtlayoutError, match=r"no such file in export\.zip"):
         read_bytes(archive / "../secret.xml/x")

@@ -343,6 +343,15 @@ def test_a_bad_mask_of_visible_parts_costs_these(box_scene: Scene, tmp_path: Pat
     assert sum(says in line for line in scene.warnings) == 1, scene.warnings
 
 
+def test_the_folder_of_masks_can_be_named(box_scene: Scene, tmp_path: Path) -> None:
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
+    masks = tmp_path / CLIP / "structure_annotations"
+    assert len(load_scene(tmp_path / CLIP, masks).key_frames) == 3
+    masks.rename(tmp_path / "structure_annotations")
+    with pytest.raises(GtlayoutError, match=r"room_structure\.npz"):
+        load_scene(tmp_path / CLIP, tmp_path / "structure_annotations")
+
+
 def test_without_any_good_mask(box_scene: Scene, tmp_path: Path) -> None:
     write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
     for file in (tmp_path / CLIP / "structure_annotations").glob("processed_structure_*.png"):

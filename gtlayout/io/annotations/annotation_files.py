@@ -165,7 +165,7 @@ def _recognised(path: Path, _changed_ns: int, _size: int) -> AnnotationKind | Fo
         encoding = json.detect_encoding(file.read(4))
     with open_bytes(path) as file, io.TextIOWrapper(file, encoding, errors="replace") as text:
         windows = _windows(text)
-        head = next(windows, "").lstrip("\ufeff").lstrip()
+        head = next(windows, "").lstrip()
         if head.startswith("<"):
             return _xml_kind(head)
         if not head.startswith(("{", "[")):
