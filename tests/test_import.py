@@ -16,6 +16,7 @@ from videos import cvat_video, write_video
 
 from gtlayout.cli.app import main
 from gtlayout.config import Config
+from gtlayout.importing import importing
 from gtlayout.importing.metric_scale import scaled
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.cameras.colmap.reader import write_colmap
@@ -269,6 +270,27 @@ def test_a_video_needs_cameras(tmp_path: Path, capfd: pytest.CaptureFixture[str]
     assert _import(tmp_path / "clip.mp4", tmp_path / "out", "--colmap") == 1
     assert "clip.mp4" in capfd.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("of_video", [False, True])
+def test_bad_annotations_are_refused_before_colmap_runs(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], of_video: bool
+) -> None:
+    def runs(*_arguments: object) -> None:
+        raise AssertionError("COLMAP runs, or frames are extracted")
+
+    monkeypatch.setattr(importing, "reconstruct", runs)
+    monkeypatch.setattr(importing, "extract_frames", runs)
+    source = tiny
+    (tiny / "notes.xml").write_text("<notes/>")
+    bad = tiny / "notes.xml"
+    if of_video:
+        source = tmp_path / "video.mp4"
+        source.write_bytes(b"never opened")
+    for named, says in ((bad, "notes.xml is no file of a known tool"), ("nowhere.zip", "no annotations nowhere.zip")):
+        assert _import(source, tmp_path / "out", "--colmap", "--annotations", named) == 1
+        assert says in capfd.readouterr().err
+        assert not (tmp_path / "out").exists()
 
 
 def test_a_rate_is_for_a_video_and_colmap(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
