@@ -13,28 +13,40 @@ from gtlayout.results.refined_cameras import with_refined_cameras
 from gtlayout.scene import Scene
 from gtlayout.solution import Solution
 
+AnyPath = str | PathLike[str]
 
-def load(folder: str | PathLike[str]) -> Scene:
+
+def load(folder: AnyPath, *, cameras: AnyPath | None = None, annotations: AnyPath | None = None) -> Scene:
     """Read a scene folder: cameras, images, annotations, in any known format.
+
+    ``cameras`` and ``annotations`` are the file or folder to read, as a path or within ``folder``, where there are
+    several or they lie elsewhere.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
     ``Scene.warnings`` lists what was repaired or skipped.
     """
-    return load_scene(Path(folder))
+    return load_scene(Path(folder), _path(annotations), cameras=_path(cameras))
 
 
-def load_solved(folder: str | PathLike[str], results: str | PathLike[str] | None = None) -> tuple[Scene, Layout]:
+def load_solved(
+    folder: AnyPath,
+    results: AnyPath | None = None,
+    *,
+    cameras: AnyPath | None = None,
+    annotations: AnyPath | None = None,
+) -> tuple[Scene, Layout]:
     """Read a scene folder and its solved layout, from ``results`` (``folder/gtlayout`` when not given).
 
-    The scene has the cameras that the layout was solved with, also when these were corrected or refined. Raises
+    ``cameras`` and ``annotations`` are those of ``load`` when the scene was solved. The scene has the cameras that the
+    layout was solved with, also when these were corrected or refined. Raises
     GtlayoutError when either cannot be read, or the layout was made from other annotations.
     """
     found = Path(folder) / FOLDER if results is None else Path(results)
-    scene = with_refined_cameras(load_scene(Path(folder)), found)
+    scene = with_refined_cameras(load(folder, cameras=cameras, annotations=annotations), found)
     return scene, read_layout(found, scene)
 
 
-def save(solution: Solution, results: str | PathLike[str]) -> None:
+def save(solution: Solution, results: AnyPath) -> None:
     """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, with new cameras, cameras.json.
 
     Raises GtlayoutError when the files cannot be written to the folder ``results``. All its files are then unchanged.
@@ -48,3 +60,7 @@ def save(solution: Solution, results: str | PathLike[str]) -> None:
         new_cameras=solution.new_cameras,
         timings_s=solution.timings_s,
     )
+
+
+def _path(given: AnyPath | None) -> Path | None:
+    return None if given is None else Path(given)

@@ -86,6 +86,11 @@ class VideoSource(Protocol):
     path: Path
 
     @property
+    def times_s(self) -> FloatArray:
+        """(N,) presentation time of each frame, ascending, from the first frame on."""
+        ...
+
+    @property
     def width(self) -> int:
         """Of its frames, px."""
         ...
@@ -111,6 +116,22 @@ class VideoFrame:
 
 
 @dataclass(frozen=True)
+class VideoOrigin:
+    """Which frame of a video an image file was made of, however it was resampled since."""
+
+    video_name: str
+    """File name of the video."""
+    number: int
+    """Of the frame in the video, in order of presentation, from 0 on."""
+    time_s: float
+    """When the frame is shown, from the first frame on."""
+    frame_count: int
+    """Of the video."""
+    resampled: Callable[[ImageArray], ImageArray] | None = None
+    """What was done to the frame, as it is stored in the video, to make the image file of it; None = not known."""
+
+
+@dataclass(frozen=True)
 class Frame:
     """One video frame with a known camera."""
 
@@ -127,6 +148,8 @@ class Frame:
     """Resamples the depth map, which has a camera of its own, to ``camera``; None when it is like the image file."""
     video: VideoFrame | None = None
     """Where the pixels are when there is no image file; read with ``gtlayout.io.pixels.images`` like any other."""
+    origin: VideoOrigin | None = None
+    """Where the image file is known to come from: what is drawn on that video belongs to this frame, too."""
 
 
 @dataclass(frozen=True)

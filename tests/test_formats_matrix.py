@@ -16,8 +16,9 @@ from label_studio_writer import write_label_studio
 
 from gtlayout.config import Config
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.scene_folder import SCENE_FILE, load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
+from gtlayout.io.units import SCENE_FILE
 from gtlayout.io.writing.scene_writers import (
     ANNOTATION_WRITERS,
     CAMERA_WRITERS,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from test_tracking import Clip, camera_at, make_clip
@@ -81,6 +82,19 @@ def test_images_that_do_not_agree_on_a_geometry_are_not_matched() -> None:
     assert len(_matched(_Image.of(a), _Image.of(moved), CONFIG)[0]) == 60
     few = np.arange(CONFIG.min_matches - 1)
     assert len(_matched(_Image.of(a.only(few)), _Image.of(a.only(few)), CONFIG)[0]) == 0
+
+
+def test_a_pair_that_opencv_fails_on_costs_only_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """OpenCV 5.0's MAGSAC raises on some sets of points, for no fault of theirs; which ones differs by its version."""
+
+    def fails(*_arguments: object) -> None:
+        raise cv2.error("(-215:Assertion failed) !model.empty() in function 'setModelParameters'")
+
+    rng = np.random.default_rng(0)
+    a = Features(rng.uniform(0, 300, (60, 2)), np.eye(60, dtype=np.float32), 0.3)
+    assert len(_matched(a, a, CONFIG)[0]) == 60
+    monkeypatch.setattr(cv2, "findFundamentalMat", fails)
+    assert len(_matched(a, a, CONFIG)[0]) == 0
 
 
 def test_what_has_a_second_match_or_a_better_one_is_left_out() -> None:

@@ -12,10 +12,11 @@ import cv2
 import numpy as np
 import pycolmap
 import pytest
-from videos import write_video
+from videos import cvat_video, write_video
 
 from gtlayout.cli.app import main
 from gtlayout.config import Config
+from gtlayout.importing import importing
 from gtlayout.importing.metric_scale import scaled
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.cameras.colmap.reader import write_colmap
@@ -214,6 +215,24 @@ def test_a_video_gets_its_cameras(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert all(frame.undistort is None for frame in scene.frames)
     assert not scene.metric
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
+    names = [line for line in (tmp_path / "out/key_frames.txt").read_text().splitlines() if not line.startswith("#")]
+    assert len(names) == 8
+    assert set(names) <= {frame.name for frame in scene.frames}
+    # Drawn on the video itself, by CVAT's numbers: on the rays that the truth has there.
+    number, drawn_px = 9, np.array([[60.0, 50.0], [250.0, 60.0], [240.0, 190.0], [70.0, 180.0]])
+    (tmp_path / "out/annotations.xml").write_text(cvat_video({number: drawn_px}, (320, 240), 16))
+    annotated = load_scene(tmp_path / "out")
+    (key,) = annotated.key_frames
+    frame = annotated.frames[key.frame]
+    assert frame.origin is not None
+    assert frame.origin.number == number
+    corners = np.array(key.elements[0].amodal.geoms[0].exterior.coords)[:-1]
+    found = frame.camera.rays_world(corners) @ frame.camera.R_cam_from_world.T
+    true = frames[number].camera.rays_world(drawn_px) @ frames[number].camera.R_cam_from_world.T
+    # COLMAP's focal length is not the true one: the rays' directions agree up to it.
+    zoom = frame.camera.K[0, 0] / frames[number].camera.K[0, 0]
+    off_px = np.linalg.norm(found[:, None, :2] * zoom - true[None, :, :2], axis=2).min(axis=0) * frame.camera.K[0, 0]
+    assert off_px.max() < 3
 
 
 @pytest.mark.parametrize(
@@ -251,6 +270,54 @@ def test_a_video_needs_cameras(tmp_path: Path, capfd: pytest.CaptureFixture[str]
     assert _import(tmp_path / "clip.mp4", tmp_path / "out", "--colmap") == 1
     assert "clip.mp4" in capfd.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("of_video", [False, True])
+def test_bad_annotations_are_refused_before_colmap_runs(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], of_video: bool
+) -> None:
+    def runs(*_arguments: object) -> None:
+        raise AssertionError("COLMAP runs, or frames are extracted")
+
+    monkeypatch.setattr(importing, "reconstruct", runs)
+    monkeypatch.setattr(importing, "extract_frames", runs)
+    source = tiny
+    (tiny / "notes.xml").write_text("<notes/>")
+    bad = tiny / "notes.xml"
+    if of_video:
+        source = tmp_path / "video.mp4"
+        source.write_bytes(b"never opened")
+    for named, says in ((bad, "notes.xml is no file of a known tool"), ("nowhere.zip", "no annotations nowhere.zip")):
+        assert _import(source, tmp_path / "out", "--colmap", "--annotations", named) == 1
+        assert says in capfd.readouterr().err
+        assert not (tmp_path / "out").exists()
+
+
+def test_a_rate_is_for_a_video_and_colmap(tiny: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    video = write_video(tmp_path / "clip.mp4", [np.zeros((48, 64, 3), dtype=np.uint8)] * 3)
+    assert _import(video, tmp_path / "out", "--rate", "5") == 1
+    assert "--rate is how many frames a second --colmap takes from a video: add --colmap" in capfd.readouterr().err
+    assert _import(tiny, tmp_path / "out", "--rate", "5", "--colmap") == 1
+    assert f"to take from a video, and {tiny} is a folder" in capfd.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_video_without_cameras_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    video = write_video(tmp_path / "dark.mp4", [np.zeros((48, 64, 3), dtype=np.uint8)] * 4)
+    assert _import(video, tmp_path / "out", "--colmap", "--rate", "30") == 1
+    assert f"gtlayout: {video}: no cameras found: hardly any detail" in capfd.readouterr().err
+
+
+def test_frames_that_a_file_annotates_are_taken_from_the_video(room: Path, tmp_path: Path) -> None:
+    images = [cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR).astype(np.uint8) for frame in load_scene(room).frames]
+    video = write_video(tmp_path / "clip.mp4", images, options={"crf": "12"})
+    square = np.array([[60.0, 50.0], [250.0, 60.0], [240.0, 190.0], [70.0, 180.0]])
+    (tmp_path / "task.xml").write_text(cvat_video({5: square, 14: square}, (320, 240), len(images)))
+    flags = ("--colmap", "--rate", "12", "--focal", "250", "--annotations", str(tmp_path / "task.xml"))
+    assert _import(video, tmp_path / "out", *flags) == 0
+    scene = load_scene(tmp_path / "out")
+    assert [scene.frame_of(k).origin.number for k in range(len(scene.key_frames))] == [5, 14]  # type: ignore[union-attr]
+    assert not (tmp_path / "out/key_frames.txt").exists()
 
 
 def test_nothing_is_overwritten(tiny: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -97,23 +97,10 @@ def _element(data: Any) -> Any:
         (lambda d: d.update(image_size=[128, 90]), "001.png was annotated at 128x90 px but its camera says 64x48"),
         (lambda d: d.update(image_size=[48, 64]), "annotated at 48x64 px .*: remove the EXIF orientation"),
         (lambda d: d.update(image_size=[64]), "image_size must be"),
-        (lambda d: d["frames"][0].pop("image"), "frame number 0 has no image name"),
         (lambda d: [f.update(image="777.png") for f in d["frames"]], "annotated image 777.png has no camera"),
-        (lambda d: d["frames"][0].update(elements=None), "frame 001.png: elements must be a list"),
-        (lambda d: _element(d).pop("id"), "frame 001.png: element number 0 has no id"),
-        (lambda d: _element(d).update(label=3), "frame 001.png, element e0 has no label"),
-        (lambda d: _element(d).pop("polygons"), "element e0: polygons must be a list, it is missing"),
         (
-            lambda d: _element(d).update(polygons=[[[0, 0], [1]]]),
-            r"element e0: polygons\[0\] must be a list of \[x, y\]",
-        ),
-        (lambda d: _element(d).update(polygons=[[[0, "1"]]]), r"element e0: polygons\[0\]"),
-        (lambda d: _element(d).update(visible=[[[0, float("nan")]]]), r"element e0: visible\[0\] .*finite"),
-        (lambda d: _element(d).update(visible=[[[0, 10**400]]]), r"element e0: visible\[0\]"),
-        (lambda d: d["frames"][0].update(occlusion_edges=[1]), r"frame 001.png: occlusion_edges\[0\]"),
-        (
-            lambda d: d["frames"][0]["elements"].append(_element(d)),
-            "frame 001.png: element id e0 occurs more than once",
+            lambda d: [f.update(elements=None) for f in d["frames"]],
+            r"no usable element in any frame \(elements skipped: it is no list \(2, first in 001.png\); 001.png: no",
         ),
     ],
 )
@@ -123,6 +110,57 @@ def test_bad_annotations(tiny: Path, edit_json: Edit, change: Callable[[Any], ob
         load_scene(tiny)
     assert "\n" not in str(caught.value)
     assert "annotations.json" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d["frames"].append({"elements": []}), "frame skipped: it has no image name (1, first in frame num"),
+        (lambda d: d["frames"].append(7), "frame skipped: it has no image name (1, first in frame number 2)"),
+        (lambda d: _add(d, "x"), "element skipped: it has no id (1, first in 001.png, element number 1)"),
+        (lambda d: _add(d, id=None), "element skipped: it has no id (1, first in 001.png, element number 1)"),
+        (lambda d: _add(d, label=3.5), "element skipped: it has no label (1, first in 001.png, element number 1)"),
+        (lambda d: _add(d, polygons={}), "polygons skipped: it is no list (1, first in 001.png, element e1)"),
+        (
+            lambda d: _add(d, polygons=[[[0, 0], [1]]]),
+            "line in polygons skipped: its points are no pairs of finite numb",
+        ),
+        (lambda d: _add(d, polygons=[[[0, "1"]]]), "(1, first in 001.png, element e1: polygons[0])"),
+        (lambda d: _element(d)["polygons"].append([[0, 10**400]]), "(1, first in 001.png, element e0: polygons[1])"),
+        (lambda d: _element(d)["visible"].append([[0, float("nan")]]), "line in visible skipped: its points are no p"),
+        (
+            lambda d: _element(d).update(visible=[[[0, 0], [float("inf"), 0]]]),
+            "line in visible skipped: its points are",
+        ),
+        (lambda d: d["frames"][0].update(occlusion_edges=[1]), "line in occlusion_edges skipped: its points are no p"),
+        (
+            lambda d: _add(d, id="e0"),
+            "element skipped: another of its frame has its id (1, first in 001.png, element e0",
+        ),
+    ],
+)
+def test_a_bad_line_element_or_frame_costs_only_itself(
+    tiny: Path, edit_json: Edit, change: Callable[[Any], object], says: str
+) -> None:
+    edit_json(tiny / "annotations.json", change)
+    scene = load_scene(tiny)
+    assert [[e.id for e in key.elements] for key in scene.key_frames] == [["e0"], ["e0"]]
+    assert [key.elements[0].amodal.area for key in scene.key_frames] == [64 * 48] * 2
+    assert sum(says in line for line in scene.warnings) == 1, scene.warnings
+
+
+def test_a_number_of_thousands_of_digits_costs_only_its_polygon(tiny: Path, edit_json: Edit) -> None:
+    edit_json(tiny / "annotations.json", lambda d: _element(d)["polygons"].append([[0, 123456789]]))
+    path = tiny / "annotations.json"
+    path.write_text(path.read_text().replace("123456789", "9" * 5000))
+    scene = load_scene(tiny)
+    assert [key.elements[0].amodal.area for key in scene.key_frames] == [64 * 48] * 2
+    assert any("line in polygons skipped" in line for line in scene.warnings)
+
+
+def _add(data: Any, element: Any = None, **fields: Any) -> None:
+    """A further element of the first frame."""
+    data["frames"][0]["elements"].append({**_element(data), "id": "e1", **fields} if element is None else element)
 
 
 @pytest.mark.parametrize(

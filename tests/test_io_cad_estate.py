@@ -302,17 +302,61 @@ def test_bad_frames(
 @pytest.mark.parametrize(
     ("mask", "says"),
     [
-        (np.full((100, 160), 9, dtype=np.uint8), "element 9 has no label in room_structure.npz"),
-        (np.ones((50, 160), dtype=np.uint8), "is 160x100 px, .* is 160x50"),
-        (np.ones((100, 160, 3), dtype=np.uint8), "8-bit grey is expected"),
-        (np.full((100, 160), 300, dtype=np.uint16), "8-bit grey is expected"),
+        (
+            np.full((100, 160), 9, dtype=np.uint8),
+            "element skipped: it has no label in room_structure.npz, which has {labels} "
+            "(1, first in processed_structure_vi-d_eo_0.png, element 9)",
+        ),
+        (np.ones((100, 160, 3), dtype=np.uint8), "1 of 3 masks cannot be used and were skipped, first: "),
+        (np.full((100, 160), 300, dtype=np.uint16), "is no mask: 8-bit grey is expected"),
     ],
 )
-def test_bad_masks(box_scene: Scene, tmp_path: Path, mask: np.ndarray, says: str) -> None:
-    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
-    file = next((tmp_path / CLIP / "structure_annotations").glob("processed_structure_*_0.png"))
+def test_a_bad_mask_costs_only_itself(box_scene: Scene, tmp_path: Path, mask: np.ndarray, says: str) -> None:
+    clip = tmp_path / CLIP
+    write_scene(box_scene, clip, "cad-estate", "cad-estate")
+    file = next((clip / "structure_annotations").glob("processed_structure_*_0.png"))
     file.write_bytes(cv2.imencode(".png", mask)[1].tobytes())
-    _fails(tmp_path / CLIP, says)
+    scene = load_scene(clip)
+    assert [key.frame for key in scene.key_frames] == [1, 2]
+    labels = len(read_room_structure(clip / "room_structure.npz").labels)
+    assert sum(says.format(labels=labels) in line for line in scene.warnings) == 1, scene.warnings
+
+
+@pytest.mark.parametrize(
+    ("mask", "says"),
+    [
+        (np.ones((50, 160), dtype=np.uint8), "mask of visible parts skipped: it has another size (1, first in"),
+        (np.ones((100, 160, 3), dtype=np.uint8), "mask of visible parts skipped: is no mask: 8-bit grey is expected"),
+    ],
+)
+def test_a_bad_mask_of_visible_parts_costs_these(box_scene: Scene, tmp_path: Path, mask: np.ndarray, says: str) -> None:
+    clip = tmp_path / CLIP
+    write_scene(box_scene, clip, "cad-estate", "cad-estate")
+    before = load_scene(clip)
+    file = next((clip / "structure_annotations").glob("processed_visible_*_0.png"))
+    file.write_bytes(cv2.imencode(".png", mask)[1].tobytes())
+    scene = load_scene(clip)
+    assert [[e.amodal.area for e in k.elements] for k in scene.key_frames] == [
+        [e.amodal.area for e in k.elements] for k in before.key_frames
+    ]
+    assert [all(e.visible.is_empty for e in k.elements) for k in scene.key_frames] == [True, False, False]
+    assert sum(says in line for line in scene.warnings) == 1, scene.warnings
+
+
+def test_the_folder_of_masks_can_be_named(box_scene: Scene, tmp_path: Path) -> None:
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
+    masks = tmp_path / CLIP / "structure_annotations"
+    assert len(load_scene(tmp_path / CLIP, masks).key_frames) == 3
+    masks.rename(tmp_path / "structure_annotations")
+    with pytest.raises(GtlayoutError, match=r"room_structure\.npz"):
+        load_scene(tmp_path / CLIP, tmp_path / "structure_annotations")
+
+
+def test_without_any_good_mask(box_scene: Scene, tmp_path: Path) -> None:
+    write_scene(box_scene, tmp_path / CLIP, "cad-estate", "cad-estate")
+    for file in (tmp_path / CLIP / "structure_annotations").glob("processed_structure_*.png"):
+        file.write_bytes(b"no image")
+    _fails(tmp_path / CLIP, r"_0\.png is no PNG image")
 
 
 def test_incomplete_clip(box_scene: Scene, tmp_path: Path) -> None:

@@ -227,12 +227,19 @@ def test_what_is_dropped(tmp_path: Path, bad: Any, says: str) -> None:
         ({"images": None}, "images must be a list"),
         ({"annotations": {}}, "annotations must be a list"),
         ({"categories": 3}, "categories must be a list"),
-        ({"annotations": []}, "no annotation can be used"),
+        ({"annotations": []}, r"no annotation can be used \(it has none\)"),
     ],
 )
 def test_what_is_refused(tmp_path: Path, parts: Any, says: str) -> None:
     with pytest.raises(GtlayoutError, match=rf"coco\.json: {says}"):
         read_coco(tmp_path, _file(tmp_path, **parts))
+
+
+def test_of_two_images_with_one_id_the_first_counts(tmp_path: Path) -> None:
+    images = [{"id": 1, "file_name": f"{i}.png", "width": 64, "height": 48} for i in "ab"]
+    read = read_coco(tmp_path, _file(tmp_path, _annotation(segmentation=[SQUARE]), images=images))
+    assert [k.image for k in read.key_frames] == ["a.png"]
+    assert read.warnings[1:] == ("coco.json: image skipped: another has its id (1, first in b.png)",)
 
 
 def test_images_without_size_and_out_of_the_folder(tiny: Path) -> None:

@@ -125,7 +125,11 @@ def test_tracks_made_by_datumaro(made: Path) -> None:
         ("frame_000003", SIZE, 3),
     ]
     assert raw.sequence_length == 4
-    assert raw.warnings == ("default.xml: 1 shapes in key frames were interpolated by CVAT, not drawn: check them",)
+    assert [line.removeprefix("default.xml: ") for line in raw.warnings] == [
+        "shape of a track left out where it is marked as outside (1, first in track 1, frame_000002)",
+        "frame left out: all its shapes were interpolated by CVAT, none drawn (2, first in frame_000001)",
+        "shape in a key frame was interpolated by CVAT, not drawn: check it (1, first in frame_000000)",
+    ]
     drawn = [[(s.id, s.label, s.z_order) for s in k.shapes] for k in raw.key_frames]
     assert drawn == [
         [("track_1", "wall", 1), ("track_2", "wall", 2)],
@@ -173,10 +177,49 @@ def test_frames_of_a_video_task_with_a_step(tmp_path: Path, kind: str) -> None:
         ("frame_000120", SIZE, 2),
     ]
     assert raw.sequence_length == 30
-    assert [w.split(": ")[1] for w in raw.warnings] == ["1 shapes in key frames were interpolated by CVAT, not drawn"]
+    assert [w.split(": ", 1)[1] for w in raw.warnings] == [
+        "shape of a track left out where it is marked as outside (1, first in track 1, frame_000130)",
+        "shape in a key frame was interpolated by CVAT, not drawn: check it (1, first in frame_000120)",
+    ]
     north, visible = raw.key_frames[1].shapes
     assert (north.id, north.group, north.z_order, visible.element) == ("north", "4", 3, "north")
     assert _same(visible.polygons, shapely.box(3, 2, 5, 4))
+
+
+def test_frames_with_interpolated_shapes_only_are_said(tmp_path: Path) -> None:
+    shape = '<polygon frame="{}" keyframe="{}" outside="0" points="0,0;9,0;9,9"/>'
+    shapes = "".join(shape.format(frame, int(frame == 4)) for frame in range(3, 7))
+    raw = _read(tmp_path, f'<annotations><track id="0" label="wall">{shapes}</track></annotations>')
+    assert [k.image for k in raw.key_frames] == ["frame_000004"]
+    assert [line.split(": ", 1)[1] for line in raw.warnings] == [
+        "frame left out: all its shapes were interpolated by CVAT, none drawn (3, first in frame_000003)"
+    ]
+
+
+def test_shapes_without_a_label_are_left_out(tmp_path: Path) -> None:
+    polygon = '<polygon{} points="0,0;9,0;9,9"/>'
+    raw = _read(tmp_path, _image(polygon.format("") + polygon.format(' label=" "') + polygon.format(' label="wall"')))
+    assert [s.label for s in raw.key_frames[0].shapes] == ["wall"]
+    assert [line.split(": ", 1)[1] for line in raw.warnings] == [
+        "polygon skipped: it has no label (2, first in 001.png)"
+    ]
+
+
+def test_the_reasons_stand_in_the_error(tmp_path: Path) -> None:
+    nothing = '<points label="wall" points="1,1;2,2"/><points label="wall" points="1,1"/><tag label="wall"/>'
+    with pytest.raises(GtlayoutError) as caught:
+        build_key_frames(_read(tmp_path, _image(nothing)), [_frame("001.png")], (), {})
+    assert str(caught.value).endswith(
+        " (points skipped: it is no polygon, polyline, box or mask (2, first in 001.png); "
+        "tag skipped: it is no polygon, polyline, box or mask (1, first in 001.png))"
+    )
+    with pytest.raises(GtlayoutError, match=r"no usable element in any frame \(nothing is drawn in it\)"):
+        build_key_frames(_read(tmp_path, _image("")), [_frame("001.png")], (), {})
+    kinds = "".join(
+        f'<{kind} label="wall"/>' for kind in ("points", "tag", "cuboid", "skeleton", "ellipse", "polygon", "box")
+    )
+    with pytest.raises(GtlayoutError, match=r"ellipse skipped: [^;]*; and 2 more reasons\)$"):
+        build_key_frames(_read(tmp_path, _image(kinds)), [_frame("001.png")], (), {})
 
 
 def test_grouped_tracks_are_parts_of_one(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -14,14 +13,12 @@ from shapely import MultiPolygon, Polygon
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import AnnotationKind, files_of_kind
 from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
-from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.annotations.labels import Kind, label_meanings, meaning, read_label_file
 from gtlayout.io.annotations.outlines import MOST_CLICKED, REDUNDANT_PX, Repairs, View, region
-from gtlayout.io.pixels.video import Video
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape
-from gtlayout.scene import Camera, FloatArray, Frame, Label, VideoFrame
+from gtlayout.scene import Camera, FloatArray, Frame, Label
 
 
 @pytest.mark.parametrize(
@@ -172,33 +169,6 @@ def test_shapes_of_the_wrong_kind_are_told(tiny: Path) -> None:
         "001, shape 2 (wall): a polyline encloses no area,",
         "001, shape 3 (occlusion edge): an occlusion edge is a polyline, the polygon was",
     ]
-
-
-def _frame(name: str, like: Frame) -> Frame:
-    return Frame(name, Path(name), like.camera)
-
-
-def test_images_are_found_by_path_name_stem_and_number(tiny: Path) -> None:
-    like = load_scene(tiny).frames[0]
-    frames = [_frame(name, like) for name in ("a/1.jpg", "b/1.jpg", "b/2.jpg", "frame_000030.png")]
-    nothing = RawAnnotations(Path("x.json"), (), sequence_length=4)
-    find = FrameFinder(nothing, frames, ("c/lost.jpg",))
-
-    def found(image: str, number: int | None = None) -> int | str:
-        return find(RawKeyFrame(image, (), None, number))
-
-    assert [found(name) for name in ("a/1.jpg", "images/a/1.jpg", "b\\1.jpg", "x/2.jpg", "2", "frame_000030")] == [
-        0, 0, 1, 2, 2, 3,
-    ]  # fmt: skip
-    assert found("1.jpg") == "may be a/1.jpg and b/1.jpg; write its folder, too"
-    assert found("elsewhere/lost.jpg") == "has no image file"
-    assert found("77.jpg") == "has no camera"
-    assert found("frame_000002", 2) == 2
-    from_video = [replace(frame, video=VideoFrame(Video(Path("clip.mp4")), 20 + i)) for i, frame in enumerate(frames)]
-    find = FrameFinder(nothing, from_video, ())
-    assert [found("frame_000021", 1), found("frame_000023", 3), found("frame_000030", 0)] == [1, 3, 3]
-    find = FrameFinder(nothing, frames, ())
-    assert found("frame_000004", 4) == "has no camera"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,8 @@ from videos import number_in, pictures, write_video
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.frame_extraction import extract_frames, frame_name, sharpness, time_of
+from gtlayout.io.cameras.upright import Upright
+from gtlayout.io.pixels.video import Video
 from gtlayout.scene import ImageArray
 
 COUNT = 30
@@ -81,3 +83,28 @@ def test_sharpness_falls_with_blur_at_any_size() -> None:
         image = cv2.resize(small, size, interpolation=cv2.INTER_CUBIC).astype(np.uint8)
         soft = cv2.GaussianBlur(image, (0, 0), 0.01 * size[0]).astype(np.uint8)
         assert sharpness(image) > 2 * sharpness(soft)
+
+
+def test_annotated_frames_are_taken_instead_of_the_sharpest(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", blurred(pictures(COUNT), {4, 13, 27}), options={"crf": "10"})
+    found = extract_frames(video, tmp_path / "images", 3.0, annotated={1, 8, 15, 99})
+    assert found.video_frames == (1, 8, 15, 27)
+    assert found.warnings == ()
+    assert [origin.time_s for origin in found.origins] == pytest.approx([i / 30 for i in (1, 8, 15, 27)], abs=1e-3)
+    assert {(origin.video_name, origin.frame_count) for origin in found.origins} == {("a.mp4", COUNT)}
+    image = cv2.imread(str(tmp_path / "images" / found.names[1]))
+    assert image is not None
+    assert number_in(image.astype(np.uint8)) == 8
+
+
+@pytest.mark.parametrize("degrees", [0, 90, 180, 270])
+def test_origins_know_how_the_video_is_turned(degrees: int, tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", pictures(3), options={"crf": "10"}, display_degrees=degrees)
+    origin = extract_frames(video, tmp_path / "images", 100.0).origins[1]
+    assert isinstance(origin.resampled, Upright)
+    shown = Video(video).frame(1)
+    assert origin.resampled.shown_size == shown.shape[1::-1]
+    assert origin.resampled.size == (160, 96)
+    stored = origin.resampled.shown.inverse.image(shown)
+    assert stored[:32, :48].mean() > 200  # the corner that is white as it was encoded
+    assert np.array_equal(origin.resampled(stored), shown)

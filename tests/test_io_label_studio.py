@@ -15,7 +15,7 @@ from tools_env import run_tool
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.key_frames import build_key_frames
-from gtlayout.io.annotations.label_studio.reader import image_name, read_label_studio
+from gtlayout.io.annotations.label_studio.reader import read_label_studio
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawShape
 from gtlayout.scene import Element, FloatArray, KeyFrame
@@ -86,26 +86,6 @@ def test_it_is_found_in_a_scene_folder(tiny: Path) -> None:
     again = load_scene(tiny)
     assert [(k.frame, k.elements[0].visible.area) for k in again.key_frames] == [(1, 312.5), (3, 312.5)]
     assert again.warnings == scene.warnings
-
-
-@pytest.mark.parametrize(
-    ("url", "name"),
-    [
-        ("/data/upload/3/1a2b3c4d-000030.jpg", "000030.jpg"),
-        ("http://localhost:8080/data/upload/3/1a2b3c4d-a-b.jpg", "a-b.jpg"),
-        ("/data/upload/3/000030.jpg", "/data/upload/3/000030.jpg"),
-        ("/data/local-files/?d=images/000030.jpg", "images/000030.jpg"),
-        ("/data/local-files?d=room%201/000030.jpg", "room 1/000030.jpg"),
-        ("s3://bucket/room/000030%20.jpg", "/room/000030%20.jpg"),
-        ("https://example.org/room/a%20b.jpg?X-Amz-Date=1#here", "/room/a b.jpg"),
-        ("C:\\rooms\\000030.jpg", "C:\\rooms\\000030.jpg"),
-        ("images/000030.jpg", "images/000030.jpg"),
-        ("1a2b3c4d-000030.jpg", "1a2b3c4d-000030.jpg"),
-        ("http://[/1.jpg", "http://[/1.jpg"),
-    ],
-)
-def test_names_of_images(url: str, name: str) -> None:
-    assert image_name(url) == name
 
 
 @pytest.mark.parametrize(
@@ -264,10 +244,20 @@ def test_which_annotation_counts(tmp_path: Path) -> None:
         return [shape.label for shape in raw.key_frames[0].shapes], raw.warnings
 
     assert counts(completions=[first]) == (["wall"], ())
-    several = "task annotated more than once: its ground truth, else what was updated last, counts (1, first in task 1)"
-    assert counts(annotations=[last, first, cancelled, skipped]) == (["floor"], (f"project-1.json: {several}",))
+    several = "task annotated more than once: its ground truth, else what was updated last, counts"
+    last["id"] = 12
+    assert counts(annotations=[last, first, cancelled, skipped]) == (
+        ["floor"],
+        (
+            f"project-1.json: {several} (1, first in task 1, where annotation 12 does)",
+            "project-1.json: task has other annotations, which are left out: they are cancelled or broken "
+            "(1, first in task 1)",
+        ),
+    )
     assert counts(annotations=[gold, last])[0] == ["ceiling"]
-    with pytest.raises(GtlayoutError, match=r"no annotated image among 1 tasks \(task with predictions only"):
+    left_out = "task has predictions, which are left out: they count when submitted as annotations (1, first in task 1)"
+    assert counts(annotations=[first], predictions=[last]) == (["wall"], (f"project-1.json: {left_out}",))
+    with pytest.raises(GtlayoutError, match=r"no annotated image among 1 tasks \(task has predictions, which are left"):
         counts(annotations=[], predictions=[first])
     with pytest.raises(GtlayoutError, match="cancelled"):
         counts(annotations=[cancelled])
@@ -293,12 +283,81 @@ def test_what_is_broken_is_skipped_and_counted(tmp_path: Path) -> None:
         "result skipped: it is no object (1, first in 001.png)",
         "region skipped: a point is not [x, y] in percent (2, first in 001.png)",
         "region skipped: it has no points (1, first in 001.png)",
-        "region skipped: it is no polygon, brush, vector or rectangle (1, first in 001.png)",
+        "region skipped: it is of type ellipse, not polygon, brush, vector or rectangle (1, first in 001.png)",
         "region skipped: its mask is no list of bytes (1, first in 001.png)",
         "region skipped: it has no label (1, first in 001.png)",
         "task skipped: it is no object (1, first in task 2)",
         "region skipped: original_width and original_height are missing (1, first in 002.png)",
     ]
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("keypointlabels", {"x": 46.2, "y": 41.1, "width": 30.0, "height": 30.0}),  # a box by its keys alone
+        ("keypoint", {"x": 46.2, "y": 41.1, "width": 30.0, "height": 30.0}),
+        ("ellipselabels", {"x": 46.2, "y": 41.1, "radiusX": 3.0, "radiusY": 4.0}),
+        ("videorectangle", {"x": 46.2, "y": 41.1, "width": 30.0, "height": 30.0}),
+        ("bitmasklabels", {"imageDataURL": "data:image/png;base64,AAAA", "width": 9, "height": 9}),
+    ],
+)
+@pytest.mark.parametrize("flat", [False, True], ids=["JSON", "JSON-MIN"])
+def test_regions_of_other_types_are_left_out(tmp_path: Path, kind: str, value: dict[str, Any], flat: bool) -> None:
+    good, other = polygon("g", "wall", square(0, 0, 9, 9)), region("k", value, SIZE, kind=kind, label="wall")
+    tasks: list[Any] = [task(1, "001.png", [*good, *other, *region("l", value, SIZE, kind=kind, label="wall")])]
+    if flat and kind.endswith("labels"):  # else its labels do not tell what it is
+        sizes = {"original_width": SIZE[0], "original_height": SIZE[1]}
+        results = tasks[0]["annotations"][0]["result"]
+        tasks = [{"image": "001.png", "id": 1, "label": [{**result["value"], **sizes} for result in results]}]
+    raw = read(tmp_path, tasks)
+    assert [shape.label for shape in raw.key_frames[0].shapes] == ["wall"]
+    assert area_px2(raw.key_frames[0].shapes[0]) == pytest.approx(81)
+    what = f"it is of type {kind.removesuffix('labels')}, not polygon, brush, vector or rectangle"
+    assert [line for line in raw.warnings if f"region skipped: {what} (2, first in 001.png)" in line]
+
+
+def test_a_type_without_its_geometry_is_left_out(tmp_path: Path) -> None:
+    box = {"x": 1, "y": 2, "width": 3, "height": 4}
+    line = {"points": percent(square(0, 0, 9, 9)), "closed": False}  # as early vectors were
+    broken = [
+        *region("a", box, SIZE, kind="polygonlabels", label="wall"),
+        *region("b", line, SIZE, kind="vectorlabels", label="occlusion_edge"),
+    ]
+    raw = read(tmp_path, [task(1, "001.png", broken)])
+    assert raw.key_frames[0].shapes == ()
+    assert raw.warnings == (
+        "project-1.json: region skipped: it lacks the geometry of a polygon, brush, vector or rectangle "
+        "(2, first in 001.png)",
+    )
+
+
+def test_labels_of_a_tag_of_their_own(tmp_path: Path) -> None:
+    common = {"id": "r", "original_width": SIZE[0], "original_height": SIZE[1]}
+    value = {"points": percent(square(0, 0, 9, 9))}
+    results = [
+        {**common, "type": "polygon", "value": value},
+        {**common, "type": "labels", "value": {**value, "labels": ["wall"]}},
+    ]
+    (wall,) = shapes(tmp_path, results)
+    assert wall.label == "wall"
+    assert area_px2(wall) == pytest.approx(81)
+
+
+def test_what_is_not_about_images_or_regions_is_said(tmp_path: Path) -> None:
+    good = polygon("g", "wall", square(0, 0, 9, 9))
+    text = task(2, "What a long story. " * 40, [{"id": "t", "type": "choices", "value": {"choices": ["good"]}}])
+    raw = read(tmp_path, [task(1, "001.png", [*good, {"type": "relation", "from_id": "g"}]), text])
+    assert [k.image for k in raw.key_frames] == ["001.png"]
+    assert raw.warnings == (
+        "project-1.json: relation skipped: it does not name two regions (1, first in 001.png)",
+        "project-1.json: task skipped: it is about no image (1, first in task 2)",
+    )
+
+
+def test_drafts_are_left_out(tmp_path: Path) -> None:
+    good = task(1, "001.png", polygon("g", "wall", square(0, 0, 9, 9)))
+    raw = read(tmp_path, [{**good, "drafts": [{"result": []}]}])
+    assert [line for line in raw.warnings if "task has drafts, which are left out" in line]
 
 
 def test_nothing_annotated_is_an_error(tmp_path: Path) -> None:

@@ -16,7 +16,9 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.importing.known_distance import scale_from_distance
 from gtlayout.importing.metric_scale import SparseDepths, scale_from_depth, scaled, sparse_depths
 from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.pixels.images import read_depth
+from gtlayout.io.pixels.turn import TURNS
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import FloatArray, Frame, Scene
 
@@ -249,6 +251,21 @@ def test_marks_are_pixels_of_the_distorted_image(room_scene: Scene, known: dict[
     assert scale_from_distance(distorted, distance_file(tmp_path, known)).factor == pytest.approx(
         METRES_PER_UNIT, rel=1e-6
     )
+
+
+@pytest.mark.parametrize("orientation", [3, 6, 8])
+def test_marks_are_pixels_of_the_image_as_shown(
+    room_scene: Scene, known: dict[str, Any], tmp_path: Path, orientation: int
+) -> None:
+    """Frames that stand upright as an image with a tag is shown: what is marked is a pixel of the frame."""
+    turn = TURNS[orientation - 1]
+    frames = []
+    for each in room_scene.frames:
+        stored = turn.inverse.camera(each.camera)
+        way = Upright(turn, stored.width, stored.height, (), TURNS[0], turn)
+        frames.append(replace(each, undistort=way))
+    scale = scale_from_distance(replace(room_scene, frames=tuple(frames)), distance_file(tmp_path, known))
+    assert scale.factor == pytest.approx(METRES_PER_UNIT, rel=1e-9)
 
 
 def test_marks_that_disagree_name_point_and_frame(room_scene: Scene, known: dict[str, Any], tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_images_of_another_shape(export: Path) -> None:
     _edit(export, STEMS[2], lambda d: d.update(width=64, height=64))
     scene = load_scene(export)
     assert len(scene.frames) == 4
-    assert f"{STEMS[2]}.json is for images of 64x64 px, but this one is 64x48" in scene.warnings[0]
+    assert f"{STEMS[2]}.jpg: its camera is for images of 64x64 px, but this one is 64x48" in scene.warnings[0]
 
 
 def test_newer_exports_say_the_size_elsewhere(export: Path) -> None:
@@ -105,7 +105,9 @@ def test_bad_cameras_are_counted(export: Path) -> None:
     scene = load_scene(export)
     assert len(scene.frames) == 3
     first = export / "keyframes/corrected_cameras" / f"{STEMS[0]}.json"
-    assert f"2 of 5 cameras cannot be used and were skipped, first: {first}: t_00 to t_22" in scene.warnings[0]
+    assert (
+        f"2 of 5 cameras cannot be used and were skipped, first: {first}: the pose (t_00 to t_23)" in scene.warnings[0]
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,12 +10,14 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 from scene_checks import assert_one_camera_skipped
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.scannet import write_scannet
 from gtlayout.io.pixels.images import read_depth
 from gtlayout.io.pixels.registration import Pinhole, Registration
+from gtlayout.io.pixels.turn import TURNS
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.io.writing.scene_writers import write_scene
@@ -163,7 +165,7 @@ def test_truth_goes_along(room: Path, tmp_path: Path) -> None:
     ("break_it", "says"),
     [
         (lambda r: (r / "pose/3.txt").write_text("1 2 x"), "3.txt must hold 4x4 numbers"),
-        (lambda r: np.savetxt(r / "pose/3.txt", 2 * np.eye(4)), "3.txt: .*no rotation"),
+        (lambda r: np.savetxt(r / "pose/3.txt", np.diag([2, 2, 2, 1])), "3.txt: .*no rotation"),
     ],
 )
 def test_a_bad_pose_costs_only_itself(export: Path, break_it: Callable[[Path], object], says: str) -> None:
@@ -221,3 +223,15 @@ def _plane_mm(camera: Pinhole) -> np.ndarray:
     x = (np.arange(camera.width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
     y = (np.arange(camera.height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
     return np.rint(3000 / (1 + 0.5 * x - 0.3 * y[:, None])).astype(np.uint16)
+
+
+def test_depth_of_a_sensor_of_its_own_turns_with_a_tagged_image(export: Path) -> None:
+    before = load_scene(export, annotated=False).frames[1]
+    for path in sorted((export / "color").iterdir()):
+        with Image.open(path) as image:
+            exif = Image.Exif()
+            exif[0x112] = 6
+            image.save(path, exif=exif)
+    after = load_scene(export, annotated=False).frames[1]
+    assert (after.camera.width, after.camera.height) == (before.camera.height, before.camera.width)
+    np.testing.assert_array_equal(read_depth(after), TURNS[5].image(read_depth(before)))

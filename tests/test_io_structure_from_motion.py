@@ -218,6 +218,8 @@ def test_spans_name_the_longest_runs_in_order() -> None:
     assert spans(NAMES, [0, 1, 2, 5]) == "0.00 to 0.20 s, 0.50 s"
     assert spans(NAMES, [0, 2, 4, 6, 8, 9]) == "0.00 s, 0.20 s, 0.40 s, 0.80 to 0.90 s and 1 shorter parts"
     assert spans(["a.png", "b.png", "c.png"], [0, 1]) == "a.png to b.png"
+    photos = [f"{i}.png" for i in range(9)]
+    assert spans(photos, [0, 2, 4, 6, 8]) == "0.png, 2.png, 4.png, 6.png, 8.png"  # images have to be found
 
 
 def test_a_good_model_has_no_weakness() -> None:

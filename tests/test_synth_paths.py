@@ -224,8 +224,11 @@ def test_cameras_are_read_as_the_format_says(tmp_path: Path) -> None:
         (("https://v", GOOD_LINE.replace(".9", "nine")), "line 2: not a number: 'nine'"),
         (("https://v", GOOD_LINE.replace(".9", "nan")), "line 2: all columns must be finite"),
         (("https://v", GOOD_LINE.replace(".9", "-1")), "line 2: the focal lengths"),
-        (("https://v", GOOD_LINE.replace("1 0 0 .1", "2 0 0 .1")), "line 2: what columns 8 to 18 hold is no rotation"),
-        (("https://v", GOOD_LINE.replace("1 0 0 .1", "-1 0 0 .1")), "line 2: what columns 8 to 18 hold is no rotation"),
+        (
+            ("https://v", GOOD_LINE.replace("1 0 0 .1", "2 0 0 .1")),
+            "line 2: the pose in columns 8 to 19 is no rotation",
+        ),
+        (("https://v", GOOD_LINE.replace("1 0 0 .1", "-1 0 0 .1")), "line 2: the pose in columns 8 to 19 is mirrored"),
     ],
 )
 def test_a_damaged_camera_file_is_named_with_its_line(tmp_path: Path, lines: tuple[str, ...], message: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import av
 import numpy as np
 from av.video.stream import VideoStream
 
-from gtlayout.scene import ImageArray
+from gtlayout.scene import FloatArray, ImageArray
 
 WIDTH, HEIGHT = 160, 96
 
@@ -60,3 +60,17 @@ def write_video(
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
     return path
+
+
+def cvat_video(polygons: Mapping[int, FloatArray], size: tuple[int, int], count: int) -> str:
+    """A task over a video as CVAT writes it ("CVAT for video 1.1"): one polygon in each of some frames."""
+    tracks = "".join(
+        f'<track id="{i}" label="wall" source="manual"><polygon frame="{number}" keyframe="1" outside="0" occluded="0" '
+        f'points="{";".join(f"{x:.6f},{y:.6f}" for x, y in points)}" z_order="0"/></track>'
+        for i, (number, points) in enumerate(polygons.items())
+    )
+    return (
+        f"<annotations><version>1.1</version><meta><task><size>{count}</size><mode>interpolation</mode>"
+        f"<start_frame>0</start_frame><stop_frame>{count - 1}</stop_frame><frame_filter></frame_filter><original_size>"
+        f"<width>{size[0]}</width><height>{size[1]}</height></original_size></task></meta>{tracks}</annotations>"
+    )

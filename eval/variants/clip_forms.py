@@ -24,7 +24,8 @@ from gtlayout.io.files import write_atomic, write_json_atomic
 from gtlayout.io.pixels.exports import JPEG_QUALITY
 from gtlayout.io.pixels.images import encoded, read_rgb, stored_bgr
 from gtlayout.io.pixels.video import Video
-from gtlayout.io.scene_folder import SCENE_FILE, load_scene
+from gtlayout.io.scene_folder import load_scene
+from gtlayout.io.units import SCENE_FILE
 from gtlayout.scene import Camera, Element, Frame, KeyFrame, Scene, VideoFrame
 from variants.variant import Makers, Similarity, Variant, all_drawn, variant, with_cameras, with_frames
 from variants.variant import with_key_frames as keep_key_frames

@@ -8,14 +8,13 @@ import numpy as np
 
 from gtlayout.check.images import Matches
 from gtlayout.check.two_views import middle_inverse_depth
+from gtlayout.geometry.overlap import overlap
 from gtlayout.quality.config import QualityConfig
-from gtlayout.scene import Camera, FloatArray, Scene
+from gtlayout.scene import FloatArray, Scene
 from gtlayout.tracking.config import TrackingConfig
 
 MIN_OVERLAP = 0.5
 """Two neighbouring frames must show so much of the same."""
-GRID = 8
-"""Pixels each way whose position in the next frame shows how much both frames have in common."""
 
 
 def motion_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
@@ -57,7 +56,7 @@ def _parallax(scene: Scene, matches: list[Matches]) -> list[str]:
 
 def _jumps(scene: Scene, rho: float) -> list[str]:
     cameras = [frame.camera for frame in scene.frames]
-    apart = np.array([_overlap(a, b, rho) < MIN_OVERLAP for a, b in pairwise(cameras)])
+    apart = np.array([overlap(a, b, rho) < MIN_OVERLAP for a, b in pairwise(cameras)])
     lines = []
     if apart.any():
         first = int(np.argmax(apart))
@@ -71,15 +70,3 @@ def _jumps(scene: Scene, rho: float) -> list[str]:
     if alone:
         lines.append(f"no frame next to {', '.join(alone)} shows the same: annotate frames with neighbours")
     return lines
-
-
-def _overlap(a: Camera, b: Camera, rho: float) -> float:
-    """Share of the first camera's pixels that the second sees, too, were all points at one inverse depth."""
-    share = (np.arange(GRID) + 0.5) / GRID
-    pixels = np.stack(np.meshgrid(share * a.width, share * a.height), axis=-1).reshape(-1, 2)
-    # The points times ρ, so that it may be 0.
-    points_world = a.rays_world(pixels) + rho * a.center_world
-    points_cam = points_world @ b.R_cam_from_world.T + rho * b.t_cam_from_world
-    in_front = points_cam[:, 2] > 0
-    x, y, _ = (points_cam @ b.K.T / np.where(in_front, points_cam[:, 2], np.nan)[:, None]).T
-    return float(np.mean(in_front & (x > 0) & (x < b.width) & (y > 0) & (y < b.height)))

@@ -11,12 +11,9 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.figures import short
 from gtlayout.io.pixels.images import read_depth
 from gtlayout.quality.config import QualityConfig
+from gtlayout.quality.unit import MEND, depth_doubt
 from gtlayout.scene import Scene
 
-ROOM_DEPTH_M = (0.3, 30.0)
-"""How far away the middle point of a room may be."""
-UNITS_OF_A_METRE = ((600.0, "centimetres"), (10_000.0, "millimetres"))
-"""Up to which depth what unit is likely: rooms are 0.6 to 6 m deep."""
 MAX_DISAGREEMENT = 1.25
 """Factor between depth maps and triangulated points: 1.00 in both real clips, and no two units are that close."""
 
@@ -32,15 +29,8 @@ def scale_suspicions(scene: Scene, matches: list[Matches]) -> list[str]:
 
 
 def _unit(scene: Scene, matches: list[Matches]) -> list[str]:
-    depth = 1.0 / middle_inverse_depth(scene, matches)
-    if not scene.metric or ROOM_DEPTH_M[0] <= depth <= ROOM_DEPTH_M[1]:
-        return []
-    likely = next((name for most, name in UNITS_OF_A_METRE if ROOM_DEPTH_M[1] < depth <= most), None)
-    unit = f"that looks like {likely}" if likely else "no room is that size"
-    return [
-        f"the scene counts as metric, but its points are {short(depth)} away (median): {unit}; scale the camera "
-        'positions to metres, or put {"metric": false} into scene.json'
-    ]
+    why = depth_doubt(1.0 / middle_inverse_depth(scene, matches), QualityConfig()) if scene.metric else None
+    return [f"the scene counts as metric, but its points are {why}; {MEND}"] if why else []
 
 
 def _depth_maps(scene: Scene, matches: list[Matches]) -> list[str]:

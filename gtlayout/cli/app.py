@@ -9,7 +9,16 @@ from typing import Annotated
 from cyclopts import App, ArgumentCollection, Parameter, Token
 from cyclopts.validators import Number
 
-from gtlayout.cli.console import NotNegative, Positive, exit_status, print_warnings, progress_bars, stdout
+from gtlayout.cli.console import (
+    FROM_THE_FOLDER,
+    NotNegative,
+    Positive,
+    Sources,
+    exit_status,
+    print_warnings,
+    progress_bars,
+    stdout,
+)
 from gtlayout.errors import GtlayoutError
 from gtlayout.results.names import FOLDER, LOG_FILE, REPORT_FILE
 from gtlayout.version import __version__
@@ -42,6 +51,7 @@ def solve(
     rerun: RerunMode = "off",
     restarts: Positive = 1,
     seed: NotNegative = 0,
+    sources: Sources = FROM_THE_FOLDER,
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
 ) -> None:
     """Reconstruct the room in a scene folder.
@@ -81,7 +91,7 @@ def solve(
 
     tracking = TrackingConfig(raft_weights=None if raft_weights is None else str(raft_weights))
     config = Config(tracking=tracking, seed=seed, refine_cameras=refine_cameras, restarts=restarts)
-    scene = load(scene_dir)
+    scene = load(scene_dir, **vars(sources))
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG_FILE, progress) as observer:
         solution = solve_scene(scene, config, observer)
         save(solution, out_dir)
@@ -104,7 +114,14 @@ def solve(
 
 
 @app.command
-def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path | None = None) -> None:
+def evaluate(
+    scene_dir: SceneDir,
+    /,
+    *,
+    layout: Path | None = None,
+    json: Path | None = None,
+    sources: Sources = FROM_THE_FOLDER,
+) -> None:
     """Compare a solved layout with the annotations and, where the scene has them, with depth/ and gt_planes.json.
 
     Images and depth are compared through the cameras that the layout was solved with, also when these are refined.
@@ -124,7 +141,7 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
     from gtlayout.io.files import write_json_atomic
     from gtlayout.results.tables import evaluation_table, headline_text
 
-    evaluation = evaluate_layout(*load_solved(scene_dir, layout))
+    evaluation = evaluate_layout(*load_solved(scene_dir, layout, **vars(sources)))
     console = stdout()
     console.print(headline_text(evaluation.headline))
     console.print(evaluation_table(evaluation))
@@ -133,7 +150,7 @@ def evaluate(scene_dir: SceneDir, /, *, layout: Path | None = None, json: Path |
 
 
 @app.command
-def check(scene_dir: SceneDir, /) -> int:
+def check(scene_dir: SceneDir, /, *, sources: Sources = FROM_THE_FOLDER) -> int:
     """List everything suspicious in a scene folder, before it is solved: one line each, then how many.
 
     It checks images, annotations, whether the cameras fit the images (axes, inverted poses, timestamps), their unit and
@@ -144,10 +161,10 @@ def check(scene_dir: SceneDir, /) -> int:
     scene_dir
         The scene folder.
     """
+    from gtlayout.api import load
     from gtlayout.check import contents, suspicions
-    from gtlayout.io.scene_folder import load_scene
 
-    scene = load_scene(scene_dir)
+    scene = load(scene_dir, **vars(sources))
     with progress_bars() as progress:
         progress.stage("images")
         found = suspicions(scene, progress.progress)
@@ -190,7 +207,13 @@ def view(
 
 @app.command
 def report(
-    scene_dir: SceneDir, /, *, layout: Path | None = None, against: Path | None = None, out: Path | None = None
+    scene_dir: SceneDir,
+    /,
+    *,
+    layout: Path | None = None,
+    against: Path | None = None,
+    out: Path | None = None,
+    sources: Sources = FROM_THE_FOLDER,
 ) -> None:
     """Write a page about a solved layout: verdict, instances, 3D view, annotated frames, timings, configuration.
 
@@ -213,8 +236,9 @@ def report(
     from gtlayout.report.files import write_report
 
     of_run = is_run(scene_dir)
-    if of_run and layout is not None:
-        raise GtlayoutError(f"--layout is for one scene, and {scene_dir} is a run")
+    for_one = {"layout": layout, **vars(sources)}
+    if of_run and (given := [name for name, value in for_one.items() if value is not None]):
+        raise GtlayoutError(f"--{given[0]} is for one scene, and {scene_dir} is a run")
     if against is not None and not of_run:
         raise GtlayoutError(f"--against compares two runs, and {scene_dir} is none")
     folder = scene_dir if of_run else layout or scene_dir / FOLDER
@@ -224,7 +248,7 @@ def report(
         if of_run:
             write_run_report(scene_dir, page, against)
         else:
-            write_report(scene_dir, folder, page, progress.progress)
+            write_report(scene_dir, folder, page, progress.progress, **vars(sources))
     stdout().print(f"Report: {page}")
 
 

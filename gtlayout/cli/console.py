@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from cyclopts import App, CycloptsError, Parameter
@@ -19,6 +21,24 @@ SHOWN_WARNINGS = 5
 """More than these are only counted, unless -v is given."""
 Positive = Annotated[int, Parameter(validator=Number(gte=1))]
 NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Sources:
+    """What a scene is read from, where it holds several or they lie elsewhere."""
+
+    cameras: Annotated[
+        Path | None,
+        Parameter(help="Camera file, or folder of a COLMAP model, to read; a path, or one within the scene folder."),
+    ] = None
+    annotations: Annotated[
+        Path | None,
+        Parameter(help="File, zip or folder of annotations to read; a path, or one within the scene folder."),
+    ] = None
+
+
+FROM_THE_FOLDER = Sources()
 
 
 def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) -> int:

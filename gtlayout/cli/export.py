@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from gtlayout.api import load_solved
-from gtlayout.cli.console import stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, Sources, stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
 from gtlayout.results.names import FOLDER
 
@@ -20,6 +20,7 @@ def export(
     to: Format,
     out: Path | None = None,
     layout: Path | None = None,
+    sources: Sources = FROM_THE_FOLDER,
 ) -> None:
     """Write a solved layout for another program: a viewer, CAD, a data set.
 
@@ -35,7 +36,7 @@ def export(
     layout
         Folder that holds layout.json; DIR/gtlayout when not given.
     """
-    scene, solved = load_solved(scene_dir, layout)
+    scene, solved = load_solved(scene_dir, layout, **vars(sources))
     path = out or (layout or scene_dir / FOLDER) / EXPORTERS[to].file_name
     export_layout(path, scene, solved, to)
     stdout().print(f"Export: {path}")

@@ -8,10 +8,12 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.cli.console import print_warnings, progress_bars, stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, Sources, print_warnings, progress_bars, stdout
+from gtlayout.errors import GtlayoutError
 from gtlayout.importing.importing import import_scene
 from gtlayout.io.annotations.labeling import label_config as read_label_config
 
+DEFAULT_RATE_HZ = 10.0
 NO_NEGATIVE = Parameter(negative=())
 
 
@@ -20,18 +22,19 @@ def import_(
     out: Annotated[Path | None, Parameter(name="OUT")] = None,
     /,
     *,
-    annotations: Path | None = None,
     colmap: Annotated[bool, NO_NEGATIVE] = False,
-    rate: Annotated[float, Parameter(validator=Number(gt=0))] = 10.0,
+    rate: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     focal: Annotated[float | None, Parameter(validator=Number(gt=0))] = None,
     depth_scale: Path | None = None,
     known_distance: Path | None = None,
     label_config: Literal["cvat", "label-studio"] | None = None,
+    sources: Sources = FROM_THE_FOLDER,
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
 ) -> None:
-    """Turn cameras, video and annotations of any known format into a scene folder, undistorted.
+    """Turn cameras, video and annotations of any known format into a scene folder, undistorted and upright.
 
-    SRC may lack annotations: annotate the images in OUT/images, put the tool's export into OUT, and solve it.
+    SRC may lack annotations: annotate the images that OUT/key_frames.txt names, or these frames of the video, put the
+    tool's export into OUT, and solve it.
 
     Parameters
     ----------
@@ -39,12 +42,10 @@ def import_(
         A folder with cameras and images or a video; with --colmap a video or a folder of images.
     out
         The scene folder to make; it must not exist or be empty.
-    annotations
-        File or folder of annotations that are elsewhere.
     colmap
         Find the cameras with COLMAP: features, sequential matching, incremental mapping, on the CPU.
     rate
-        With --colmap and a video: frames to take per second; of each interval the sharpest.
+        With --colmap and a video: frames to take per second, 10 if not given; of each interval the sharpest.
     focal
         With --colmap: the focal length in px of the extracted images, where it is known; it is then not searched for.
     depth_scale
@@ -64,12 +65,17 @@ def import_(
         return
     assert source is not None
     assert out is not None
+    if rate is not None and not colmap:
+        raise GtlayoutError("--rate is how many frames a second --colmap takes from a video: add --colmap")
+    if rate is not None and source.is_dir():
+        raise GtlayoutError(f"--rate is how many frames a second to take from a video, and {source} is a folder")
     with progress_bars() as progress:
         imported = import_scene(
             source,
             out,
-            annotations,
-            rate_hz=rate if colmap else None,
+            sources.annotations,
+            cameras=sources.cameras,
+            rate_hz=(rate or DEFAULT_RATE_HZ) if colmap else None,
             focal_px=focal,
             depth_scale=depth_scale,
             known_distance=known_distance,

@@ -8,7 +8,7 @@ from pathlib import Path
 from gtlayout.io.cad_estate.writer import write_clip, write_masks
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.pixels.exports import write_truth
-from gtlayout.io.scene_folder import SCENE_FILE
+from gtlayout.io.units import SCENE_FILE
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 

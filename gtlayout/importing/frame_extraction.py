@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -13,7 +13,8 @@ import cv2
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import write_atomic
 from gtlayout.io.pixels.video import Video
-from gtlayout.scene import FloatArray, ImageArray
+from gtlayout.io.video_record import origin_in
+from gtlayout.scene import FloatArray, ImageArray, VideoOrigin
 
 JPEG_QUALITY = 95
 SHARPNESS_PX = 640
@@ -28,9 +29,14 @@ class Extraction:
 
     names: tuple[str, ...]
     """File names in the order of time; ``time_of`` reads them."""
-    video_frames: tuple[int, ...]
+    origins: tuple[VideoOrigin, ...]
     """Which frame of the video each of them is."""
     warnings: tuple[str, ...]
+
+    @property
+    def video_frames(self) -> tuple[int, ...]:
+        """Numbers of the frames in the video."""
+        return tuple(origin.number for origin in self.origins)
 
 
 def extract_frames(
@@ -38,22 +44,31 @@ def extract_frames(
     folder: Path,
     rate_hz: float,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
+    annotated: Collection[int] = (),
 ) -> Extraction:
     """Write the sharpest frame of each 1 / ``rate_hz`` seconds of ``video`` into ``folder`` (made if absent).
 
-    A video with fewer frames a second gives all it has. One frame at a time is held. ``progress`` is called
-    with (frames seen, frames in all). Raises GtlayoutError when the rate is no positive number, the video cannot be
-    read, or the folder cannot be written.
+    In a stretch with frames whose numbers are in ``annotated``, these are written instead. A video with fewer frames a
+    second gives all it has. Two frames at a time are held. ``progress`` is called with (frames seen, frames in all).
+    Raises GtlayoutError when the rate is no positive number, the video cannot be read, or the folder cannot be written.
     """
     if not 0 < rate_hz < math.inf:
         raise GtlayoutError(f"frames per second must be a positive number, not {rate_hz}")
     source = Video(video)
     times_s = source.times_s
-    names, chosen, seen = [], [], 0
-    for index, image, decoded in _sharpest(source.frames(), times_s, rate_hz):
+    names: list[str] = []
+    chosen: list[int] = []
+    seen = 0
+
+    def counted() -> Iterator[tuple[int, ImageArray]]:
+        nonlocal seen
+        for frame in source.frames():
+            seen += 1
+            yield frame
+
+    for index, image in _taken(counted(), times_s, rate_hz, frozenset(annotated)):
         names.append(frame_name(float(times_s[index])))
         chosen.append(index)
-        seen += decoded
         write_atomic(folder / names[-1], _jpeg(image))
         progress(index + 1, len(times_s))
     if not names:
@@ -61,7 +76,7 @@ def extract_frames(
     progress(len(times_s), len(times_s))
     lost = len(times_s) - seen
     warnings = (f"{video}: {lost} of {len(times_s)} frames cannot be decoded and were passed over",) if lost else ()
-    return Extraction(tuple(names), tuple(chosen), warnings)
+    return Extraction(tuple(names), tuple(origin_in(source, index) for index in chosen), warnings)
 
 
 def frame_name(time_s: float) -> str:
@@ -84,18 +99,21 @@ def sharpness(image: ImageArray) -> float:
     return float(cv2.Laplacian(gray, cv2.CV_32F).var())
 
 
-def _sharpest(
-    frames: Iterator[tuple[int, ImageArray]], times_s: FloatArray, rate_hz: float
-) -> Iterator[tuple[int, ImageArray, int]]:
-    """Index and pixels of the sharpest frame of each window that has one, and how many it was chosen from."""
+def _taken(
+    frames: Iterator[tuple[int, ImageArray]], times_s: FloatArray, rate_hz: float, annotated: Collection[int]
+) -> Iterator[tuple[int, ImageArray]]:
+    """Index and pixels of the frames of each window that are annotated, else of its sharpest."""
     for _, window in groupby(frames, key=lambda frame: math.floor(times_s[frame[0]] * rate_hz + ON_THE_EDGE)):
-        decoded, most = 0, -1.0
+        best: tuple[int, ImageArray] | None = None
+        most, has_annotated = -1.0, False
         for index, image in window:
-            decoded += 1
-            found = sharpness(image)
-            if found > most:
-                most, best_index, best_image = found, index, image
-        yield best_index, best_image, decoded
+            if index in annotated:
+                has_annotated = True
+                yield index, image
+            elif (found := sharpness(image)) > most:
+                most, best = found, (index, image)
+        if best is not None and not has_annotated:
+            yield best
 
 
 def _jpeg(image: ImageArray) -> bytes:

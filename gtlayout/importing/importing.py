@@ -10,20 +10,22 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.frame_extraction import extract_frames
+from gtlayout.importing.image_list import list_images
+from gtlayout.importing.key_frame_choice import choose_key_frames, points_by_image
+from gtlayout.importing.key_frame_files import LIST, SHEET, write_key_frame_files
 from gtlayout.importing.known_distance import scale_from_distance
 from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
 from gtlayout.importing.structure_from_motion import reconstruct
-from gtlayout.io.cameras.colmap.reader import find_models, open_model, posed_images
-from gtlayout.io.cameras.frames import natural
+from gtlayout.io.cameras.colmap.reader import READER as COLMAP
+from gtlayout.io.cameras.colmap.reader import model_images, open_model, posed_images
 from gtlayout.io.files import new_folder
+from gtlayout.io.pixels.exports import is_copied
 from gtlayout.io.pixels.images import read_rgb
-from gtlayout.io.scene_folder import load_scene, scene_of
-from gtlayout.io.sources import PosedImages
+from gtlayout.io.scene_folder import annotated_numbers, load_scene, read_cameras, scene_of
+from gtlayout.io.video_record import write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene
-
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png")
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ def import_scene(
     out: Path,
     annotations: Path | None,
     *,
+    cameras: Path | None = None,
     rate_hz: float | None,
     focal_px: float | None = None,
     depth_scale: Path | None,
@@ -50,14 +53,14 @@ def import_scene(
 
     ``source`` is a folder with cameras or, where ``rate_hz`` is given, a video (that many frames a second are taken) or
     a folder of images, whose cameras COLMAP then finds, with the focal length ``focal_px`` where that is known.
-    ``depth_scale`` and ``known_distance`` are files that determine the unit.
+    ``cameras`` and ``annotations`` choose, as for ``load_scene``; ``depth_scale`` and ``known_distance`` are files that
+    determine the unit.
 
     Raises GtlayoutError when something is missing, wrong, or cannot be determined. ``out`` is then not created.
     """
     if depth_scale is not None and known_distance is not None:
         raise GtlayoutError("the unit can come from --depth-scale or from --known-distance, not from both")
-    if focal_px is not None and rate_hz is None:
-        raise GtlayoutError("--focal is the focal length that --colmap uses: add --colmap")
+    _check_cameras_asked_for(cameras, rate_hz, focal_px)
     if not source.exists():
         raise GtlayoutError(f"no folder or video {source}")
     if rate_hz is None and source.is_file():
@@ -67,10 +70,12 @@ def import_scene(
         if rate_hz is not None:
             scene, model, messages = _with_colmap(source, annotations, rate_hz, focal_px, Path(work), observer)
         else:
-            scene, messages = load_scene(source, annotations, annotated=False), ()
+            scene, messages = load_scene(source, annotations, cameras=cameras, annotated=False), ()
+        scene = _without_unreadable(scene)
+        to_annotate = [] if scene.key_frames else choose_key_frames(scene, points_by_image(model) if model else {})
         scale = None
         if depth_scale is not None:
-            scale = scale_from_depth(sparse_depths(model or _model_of(source)), depth_scale)
+            scale = scale_from_depth(sparse_depths(model or _model_of(source, cameras)), depth_scale)
         elif known_distance is not None:
             scale = scale_from_distance(scene, known_distance)
         if scale is not None:
@@ -79,14 +84,23 @@ def import_scene(
             # True planes in the folder are in the unit and the world of other cameras.
             scene = replace(scene, root=Path(work))
         observer.stage("writing")
-        scene = _without_unreadable(scene)
-        write_scene(scene, filled, "native", "native")
+        names = write_scene(scene, filled, "native", "native")
+        if to_annotate:
+            write_key_frame_files(filled, scene, to_annotate, names)
     if not scene.key_frames:
         messages = (
             *messages,
-            f"not annotated yet: annotate images in {out / 'images'} and put the tool's export into {out}",
+            f"not annotated yet: annotate images in {out / 'images'}, best the {len(to_annotate)} that {out / LIST} "
+            f"names and {SHEET} shows, and put the tool's export into {out}",
         )
     return Imported(scene, messages)
+
+
+def _check_cameras_asked_for(cameras: Path | None, rate_hz: float | None, focal_px: float | None) -> None:
+    if focal_px is not None and rate_hz is None:
+        raise GtlayoutError("--focal is the focal length that --colmap uses: add --colmap")
+    if cameras is not None and rate_hz is not None:
+        raise GtlayoutError("the cameras can come from --colmap or from --cameras, not from both")
 
 
 def _with_colmap(
@@ -98,33 +112,39 @@ def _with_colmap(
     observer: Observer,
 ) -> tuple[Scene, pycolmap.Reconstruction, tuple[str, ...]]:
     """The scene with the cameras that COLMAP finds, COLMAP's model, and messages."""
-    warnings: tuple[str, ...] = ()
+    root = work if source.is_file() else source
+    # Read here already, so that a file that cannot be read is refused before COLMAP runs.
+    annotated = annotated_numbers(root, annotations) if annotations else frozenset()
     if source.is_file():
-        root, images = work, work / "images"
+        images = work / "images"
         observer.stage("frames")
-        extraction = extract_frames(source, images, rate_hz, observer.progress)
+        extraction = extract_frames(source, images, rate_hz, observer.progress, annotated)
         names, warnings = extraction.names, extraction.warnings
+        write_video_record(root, dict(zip(names, extraction.origins, strict=True)))
     else:
-        root = source
-        images = source / "images" if (source / "images").is_dir() else source
-        names = tuple(
-            sorted((path.name for path in images.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES), key=natural)
-        )
-    found = reconstruct(images, names, work, observer, focal_px)
-    posed = PosedImages(
-        posed_images(found.reconstruction, root, "COLMAP's result"), (*warnings, *found.warnings), False
-    )
-    scene = scene_of(root, posed, annotations or root, annotated=False)
+        images, names, warnings = list_images(source)
+    try:
+        found = reconstruct(images, names, work, observer, focal_px)
+    except GtlayoutError as error:
+        # Frames of a video lie in a folder that nobody finds any more.
+        raise GtlayoutError(str(error).replace(str(images), str(source))) from error
+    model, skipped = model_images(found.reconstruction, "COLMAP's result")
+    posed = posed_images(model, root, "COLMAP's result")
+    posed = replace(posed, warnings=(*warnings, *found.warnings, *skipped, *posed.warnings), metric=False)
+    scene = scene_of(root, posed, annotations, annotated=False)
     # Their unit is not that of the cameras just found.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
     return replace(scene, frames=frames), found.reconstruction, (found.verdict(),)
 
 
-def _model_of(source: Path) -> pycolmap.Reconstruction:
-    models = find_models(source)
-    if len(models) != 1:
-        raise GtlayoutError(f"{source} holds no COLMAP model, whose points --depth-scale compares with: use --colmap")
-    return open_model(models[0])
+def _model_of(source: Path, cameras: Path | None) -> pycolmap.Reconstruction:
+    chosen, _ = read_cameras(source, cameras)
+    if chosen.reader is not COLMAP:
+        raise GtlayoutError(
+            f"{chosen.path} is no COLMAP model, whose points --depth-scale compares with: use --colmap, or name one "
+            "with --cameras"
+        )
+    return open_model(chosen.path)
 
 
 def _metric(scene: Scene, scale: Scale) -> Scene:
@@ -149,8 +169,8 @@ def _without_unreadable(scene: Scene) -> Scene:
 
 
 def _unreadable(frame: Frame) -> str | None:
-    if frame.undistort is None and frame.video is None:
-        return None  # Its file is copied as it is.
+    if is_copied(frame):
+        return None
     try:
         read_rgb(frame)
     except GtlayoutError as error:

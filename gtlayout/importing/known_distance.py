@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -13,7 +14,9 @@ import numpy as np
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.metric_scale import Scale
 from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.files import read_json
+from gtlayout.io.image_names import NameIndex
 from gtlayout.scene import Camera, FloatArray, Frame, Scene
 
 SIGMA_MARK_PX = 1.0
@@ -41,9 +44,10 @@ def scale_from_distance(scene: Scene, path: Path) -> Scale:
     """The scale at which two points are as far apart as the file ``path`` says.
 
     The file is ``{"metres": 2.03, "points": [{"a.jpg": [x, y], "b.jpg": [x, y]}, {…}]}``: per point its pixels in two
-    or more frames, in the image file as it is, (0, 0) the top-left corner of the top-left pixel. σ follows from marks
-    good to 1 px. Raises GtlayoutError naming file, point and frame when the content is not valid, the frames see a
-    point from nearly the same place, the marks of a point disagree, or the scale would be known to less than 10 %.
+    or more frames, in the image as a viewer shows it, (0, 0) the top-left corner of the top-left pixel. σ follows
+    from marks good to 1 px. Raises GtlayoutError naming file, point and frame when the content is not valid, the
+    frames see a point from nearly the same place, the marks of a point disagree, or the scale would be known to less
+    than 10 %.
     """
     data = read_json(path)
     metres, points = data.get("metres"), data.get("points")
@@ -51,9 +55,9 @@ def scale_from_distance(scene: Scene, path: Path) -> Scale:
         raise GtlayoutError(f"{path}: metres must be a positive number up to {MAX_METRES:.0f}, not {metres!r}")
     if not isinstance(points, list) or len(points) != 2:
         raise GtlayoutError(f"{path}: points must be a list of two: {FORM}")
-    frames = {frame.name: frame for frame in scene.frames}
+    names = NameIndex([frame.name for frame in scene.frames])
     (first, cov_first), (second, cov_second) = (
-        _triangulated(_marks(point, frames, f"{path}, point {i}"), f"{path}, point {i}")
+        _triangulated(_marks(point, scene.frames, names, f"{path}, point {i}"), f"{path}, point {i}")
         for i, point in enumerate(points, start=1)
     )
     between = second - first
@@ -67,23 +71,26 @@ def scale_from_distance(scene: Scene, path: Path) -> Scale:
     return Scale(metres / distance, sigma / distance, f"a known distance of {metres:g} m")
 
 
-def _marks(point: Any, frames: dict[str, Frame], where: str) -> list[_Mark]:
+def _marks(point: Any, frames: Sequence[Frame], names: NameIndex, where: str) -> list[_Mark]:
     if not isinstance(point, dict) or len(point) < 2:
         raise GtlayoutError(f"{where} must be marked in two or more frames: {FORM}")
     marks = []
     for name, value in point.items():
-        frame = frames.get(name)
-        if frame is None:
-            raise GtlayoutError(
-                f"{where}: no frame {name} in the scene; its frames are called {next(iter(frames))} and so on"
-            )
+        match = names.find(name)
+        if match is None or len(match.places) > 1:
+            no = "no frame" if match is None else "more than one frame"
+            raise GtlayoutError(f"{where}: {no} {name} in the scene; its frames are called {frames[0].name} and so on")
+        frame = frames[match.places[0]]
         if not isinstance(value, list) or len(value) != 2 or not all(map(_is_number, value)):
             raise GtlayoutError(f"{where}, frame {name}: must be [x, y] in pixels, not {value!r}")
-        lens = frame.undistort if isinstance(frame.undistort, Undistortion) else None
+        lens = frame.undistort if isinstance(frame.undistort, Undistortion | Upright) else None
         image = lens or frame.camera
-        if not (0 <= value[0] <= image.width and 0 <= value[1] <= image.height):
-            raise GtlayoutError(f"{where}, frame {name}: {value} lies off its {image.width}x{image.height} px")
+        width, height = image.shown_size if isinstance(image, Upright) else (image.width, image.height)
+        if not (0 <= value[0] <= width and 0 <= value[1] <= height):
+            raise GtlayoutError(f"{where}, frame {name}: {value} lies off its {width}x{height} px")
         marked = np.array([value], dtype=np.float64)
+        if isinstance(lens, Upright):
+            marked = lens.from_shown(marked)
         px = (lens.points(marked) if lens else marked)[0]
         if not np.all(np.isfinite(px)):
             raise GtlayoutError(f"{where}, frame {name}: the lens model has no inverse at {value}")

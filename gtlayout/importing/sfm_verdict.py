@@ -93,12 +93,13 @@ def weaknesses(
 
 
 def spans(names: Sequence[str], indices: Sequence[int]) -> str:
-    """The runs of consecutive ``indices``, the longest of them in order: ``1.20 to 3.40 s, 5.00 s``."""
+    """The runs of consecutive ``indices``, in order: ``1.20 to 3.40 s, 5.00 s``; of a video the longest of them."""
     # Along a run of consecutive indices, index minus position stays the same.
     groups = groupby(enumerate(indices), key=lambda each: each[1] - each[0])
     runs = [[index for _, index in group] for _, group in groups]
-    longest = sorted(sorted(runs, key=len, reverse=True)[:SPANS])
-    more = f" and {len(runs) - SPANS} shorter parts" if len(runs) > SPANS else ""
+    most = len(runs) if time_of(names[0]) is None else SPANS
+    longest = sorted(sorted(runs, key=len, reverse=True)[:most])
+    more = f" and {len(runs) - most} shorter parts" if len(runs) > most else ""
     return ", ".join(_span(names[run[0]], names[run[-1]]) for run in longest) + more
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +12,7 @@ import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.importing.colmap_images import for_colmap
 from gtlayout.importing.focal_check import checked_models
 from gtlayout.importing.mapping import MIN_IMAGES, SEED, Lens, focal_length, largest, map_images
 from gtlayout.importing.sfm_verdict import MAX_FOCAL_SIGMA, Matching, no_model, weaknesses
@@ -94,22 +95,23 @@ def reconstruct(
     if len(names) < MIN_IMAGES:
         raise GtlayoutError(f"{images}: {len(names)} frames; at least {MIN_IMAGES} are needed to find their cameras")
     database = work / "database.db"
+    folder, called = for_colmap(images, names, work)
     with _quiet():
         pycolmap.set_random_seed(SEED)
         observer.stage("features")
-        _extract(database, images, names, focal_px, observer.progress)
+        _extract(database, folder, called, focal_px, observer.progress)
         observer.stage("matching")
-        _match(database, work / "pairs.txt", names, observer.progress)
-        matching = _matching(database, names)
+        _match(database, work / "pairs.txt", called, observer.progress)
+        matching = _matching(database, names, called)
         observer.stage("mapping")
         known = focal_px is not None
-        models = map_images(database, images, work, names, Lens(focal_px=focal_px), observer.progress)
+        models = map_images(database, folder, work, called, Lens(focal_px=focal_px), observer.progress)
         if not models:
             raise GtlayoutError(f"{images}: {no_model(matching)}")
         check = None
         if focal_px is None and len(names) >= 2 * MIN_HALF:
             observer.stage("checking the lens")
-            models, check = checked_models(database, images, work, names, models, observer.progress)
+            models, check = checked_models(database, folder, work, called, models, observer.progress)
         model = models[largest(models)]
         straight, sigma_focal_px = check is not None and check.straight, 0.0
         if focal_px is None:
@@ -121,6 +123,7 @@ def reconstruct(
         raise GtlayoutError(f"{images}: {no_model(matching)}")
     if check is not None:
         sigma_focal_px = float(np.hypot(sigma_focal_px, check.sigma_px))
+    _rename(models, dict(zip(called, names, strict=True)))
     registered = [{image.name for image in each.images.values() if image.has_pose} for each in models]
     chosen = registered.pop(largest(models))
     lengths = [point.track.length() for point in model.points3D.values()]
@@ -207,17 +210,25 @@ def _match(database: Path, list_path: Path, names: Sequence[str], progress: Call
     progress(len(pairs), len(pairs))
 
 
-def _matching(database: Path, names: Sequence[str]) -> Matching:
+def _matching(database: Path, names: Sequence[str], called: Sequence[str]) -> Matching:
     with pycolmap.Database.open(database) as found:
         ids = {image.name: image.image_id for image in found.read_all_images()}
-        features = [found.num_keypoints_for_image(ids[name]) if name in ids else 0 for name in names]
+        features = [found.num_keypoints_for_image(ids[name]) if name in ids else 0 for name in called]
         pair_ids, geometries = found.read_two_view_geometry_num_inliers()
-    position = {ids[name]: i for i, name in enumerate(names) if name in ids}
+    position = {ids[name]: i for i, name in enumerate(called) if name in ids}
     inliers: Counter[tuple[int, int]] = Counter()
     for pair_id, count in zip(pair_ids, geometries, strict=True):
         first, second = sorted(position[i] for i in pycolmap.pair_id_to_image_pair(pair_id))
         inliers[first, second] = int(count)
     return Matching(tuple(names), tuple(features), dict(inliers))
+
+
+def _rename(models: Sequence[pycolmap.Reconstruction], name_of: Mapping[str, str]) -> None:
+    """Give images their own names again, in place."""
+    for model in models:
+        for image_id in sorted(model.images):
+            image = model.images[image_id]
+            image.name = name_of[image.name]
 
 
 @contextmanager

@@ -16,9 +16,13 @@ from typing import Any
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_bytes
 
 MAX_NAME_BYTES, MAX_PATH_BYTES = 240, 1024
 """Of a file's name and of its path in the scene folder, so that with extension and folder a file system takes them."""
+
+MAX_DIGITS = 400
+"""Of a whole number; no float is that large."""
 
 
 def write_atomic(path: Path, content: bytes | str) -> None:
@@ -132,12 +136,21 @@ def path_inside(root: Path, relative: str, where: str) -> Path:
 
 
 def _parsed(path: Path) -> Any:
+    """In UTF-8, UTF-16 or UTF-32, with a byte-order mark or without. The file may lie in a zip."""
+    content = read_bytes(path)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+        return json.loads(content)
     except (ValueError, RecursionError) as error:
-        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
+        problem = error
+    try:
+        # One number of thousands of digits, which Python refuses to make, must not cost the whole file.
+        return json.loads(content, parse_int=_whole_number)
+    except (ValueError, RecursionError):
+        raise GtlayoutError(f"{path} is not valid JSON: {problem}") from problem
+
+
+def _whole_number(digits: str) -> float:
+    return int(digits) if len(digits) <= MAX_DIGITS else math.inf
 
 
 def _plain(value: Any) -> Any:

@@ -5,26 +5,35 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations import labelme, native
+from gtlayout.io.annotations.annotation_files import left_out
 from gtlayout.io.annotations.coco import reader as coco
 from gtlayout.io.annotations.cvat import reader as cvat
 from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.annotations.label_studio import reader as label_studio
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import read_label_file
+from gtlayout.io.annotations.sequence import sequence_of
+from gtlayout.io.archives import archive_of
 from gtlayout.io.cad_estate import reader as cad_estate
 from gtlayout.io.cameras import arkitscenes, nerfstudio, polycam, re10k, scannet
 from gtlayout.io.cameras.colmap import reader as colmap
 from gtlayout.io.cameras.frames import build_frames
-from gtlayout.io.files import read_json
+from gtlayout.io.choosing import (
+    Source,
+    named_path,
+    named_sources,
+    read_richest,
+    require_some,
+    sources_in,
+    the_one,
+)
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
+from gtlayout.io.units import SCENE_FILE, in_metres, read_unit
+from gtlayout.io.video_record import with_origins
 from gtlayout.scene import Frame, KeyFrame, Scene
-
-T = TypeVar("T")
-
 
 CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     colmap.READER,
@@ -47,77 +56,99 @@ ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
 )
 
 
-SCENE_FILE = "scene.json"
+def load_scene(
+    root: Path, annotations: Path | None = None, *, cameras: Path | None = None, annotated: bool = True
+) -> Scene:
+    """Read the scene folder ``root``: cameras, images, annotations, in any known format.
 
+    Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16
+    millimetres along z, thousandths of the cameras' unit where that is not known, 0 = none). Some formats have places
+    of their own for both. Cameras with timestamps (RealEstate10k, CAD-Estate) may have a video in ``root`` instead.
 
-def load_scene(root: Path, annotations: Path | None = None, *, annotated: bool = True) -> Scene:
-    """Read the scene folder ``root``: cameras, images, annotations, optional depth, in any known format.
-
-    Images are looked for in ``images/`` (for COLMAP also in ``root``), depth in ``depth/<image name>.png`` (uint16,
-    thousandths of the cameras' unit along z, 0 = none); some formats have places of their own for both. Cameras with
-    timestamps (RealEstate10k, CAD-Estate) may have a video file in ``root`` instead. ``annotations`` is the file or
-    folder that holds them when they lie elsewhere; ``labels.json`` then lies beside them. Where ``annotated`` is false
-    a scene without annotations is one without key frames.
+    ``cameras`` is the file or folder to read, ``annotations`` the file, zip or folder, as a path or within ``root``,
+    where there are several or they lie elsewhere; ``labels.json`` lies beside the annotations. Several sources of
+    cameras that agree need no choice (see ``gtlayout.io.choosing``). Where ``annotated`` is false and none are named, a
+    scene without annotations is one without key frames.
 
     ScanNet and phone scans are metric. Most formats do not state their unit. Their scenes count as metric when
-    depth maps come with them (they are millimetres), else not. ``scene.json`` with ``{"metric": true}`` or
-    ``{"metric": false}`` overrules both.
+    depth maps come with them (they are millimetres), else not. ``scene.json`` overrules both: see
+    ``gtlayout.io.units``.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
     ``Scene.warnings`` lists what was repaired or skipped.
     """
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")
-    reader, camera_file = _the_one(root, _found(root, CAMERA_READERS), CAMERA_READERS, "cameras")
-    metric = _declared_metric(root / SCENE_FILE)
-    scene = scene_of(root, reader.read(root, camera_file), annotations or root, annotated=annotated)
-    return scene if metric is None else replace(scene, metric=metric)
+    unit = read_unit(root / SCENE_FILE)
+    posed = in_metres(read_cameras(root, cameras)[1], unit)
+    scene = scene_of(root, posed, annotations, annotated=annotated)
+    return scene if unit.metric is None else replace(scene, metric=unit.metric)
 
 
-def scene_of(root: Path, cameras: PosedImages, annotations: Path, *, annotated: bool) -> Scene:
+def read_cameras(root: Path, cameras: Path | None = None) -> tuple[Source[PosedImages], PosedImages]:
+    """The source that the scene's cameras are read from, and what it says; arguments and errors as for ``load_scene``.
+
+    In the unit of the source.
+    """
+    if cameras is None:
+        place, sources = root, sources_in(root, CAMERA_READERS)
+    else:
+        place = named_path(root, cameras, "cameras")
+        sources = named_sources(place, CAMERA_READERS)
+    require_some(sources, place, CAMERA_READERS, "cameras")
+    return read_richest(root, sources)
+
+
+def scene_of(root: Path, cameras: PosedImages, annotations: Path | None, *, annotated: bool) -> Scene:
     """The scene that ``cameras`` and the annotations in the file or folder ``annotations`` make; see ``load_scene``."""
     frames, without_image, frame_warnings = build_frames(root, cameras.images)
-    key_frames, annotation_warnings = _key_frames(annotations, frames, without_image, annotated)
+    frames, origin_warnings = with_origins(root, frames)
+    place = root if annotations is None else named_path(root, annotations, "annotations")
+    expected = annotated or annotations is not None
+    key_frames, annotation_warnings = _key_frames(place, frames, without_image, expected)
     metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
-    return Scene(root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *annotation_warnings))
+    return Scene(
+        root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *origin_warnings, *annotation_warnings)
+    )
 
 
 def _key_frames(
-    path: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
+    place: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
 ) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
-    """What the annotations in the folder ``path``, or the file ``path``, make of the frames, and warnings."""
-    folder = path if path.is_dir() else path.parent
-    if not path.exists():
-        raise GtlayoutError(f"no annotations {path}")
-    found = [(reader, file) for reader, file in _found(folder, ANNOTATION_READERS) if path in (folder, file)]
-    if not found and not annotated:
-        return (), ()
-    reader, file = _the_one(path, found, ANNOTATION_READERS, "annotations")
-    raw = reader.read(folder, file)
-    key_frames, warnings = build_key_frames(raw, frames, without_image, read_label_file(folder / LABELS_FILE))
-    return key_frames, (*raw.warnings, *warnings)
+    """What the annotations in the folder, file or zip ``place`` make of the frames, and warnings."""
+    raw, not_read = _read_annotations(place, annotated)
+    if raw is None:
+        return (), not_read
+    own_labels = read_label_file(_folder_of(place) / LABELS_FILE)
+    key_frames, warnings = build_key_frames(raw, frames, without_image, own_labels)
+    return key_frames, (*not_read, *raw.warnings, *warnings)
 
 
-def _found(root: Path, readers: Sequence[Reader[T]]) -> list[tuple[Reader[T], Path]]:
-    return [(reader, path) for reader in readers for path in reader.detect(root)]
+def annotated_numbers(root: Path, annotations: Path) -> frozenset[int]:
+    """Numbers in the video of the frames that the named ``annotations`` draw on; none where they are of no video.
+
+    Arguments and errors as for ``load_scene``.
+    """
+    raw, _ = _read_annotations(named_path(root, annotations, "annotations"), True)
+    sequence = sequence_of(raw) if raw else None
+    return frozenset(sequence.video_numbers.values()) if sequence else frozenset()
 
 
-def _the_one(
-    root: Path, found: Sequence[tuple[Reader[T], Path]], readers: Sequence[Reader[T]], what: str
-) -> tuple[Reader[T], Path]:
-    if not found:
-        looked_for = "; ".join(f"{reader.looked_for} ({reader.name})" for reader in readers)
-        raise GtlayoutError(f"no {what} in {root}; looked for {looked_for}")
-    if len(found) > 1:
-        paths = ", ".join(f"{path} ({reader.name})" for reader, path in found)
-        raise GtlayoutError(f"{what} in more than one place: {paths}; leave one of them in the scene folder")
-    return found[0]
+def _read_annotations(place: Path, annotated: bool) -> tuple[RawAnnotations | None, tuple[str, ...]]:
+    """The annotations in the folder, file or zip, None where there are none and need not be; and what is not read.
+
+    The latter is a line for each file of a format that is known and refused.
+    """
+    sources, not_read = sources_in(place, ANNOTATION_READERS), tuple(left_out(place))
+    if not sources and not annotated:
+        return None, not_read
+    if not sources and not_read:
+        known = ", ".join(reader.name for reader in ANNOTATION_READERS)
+        raise GtlayoutError(f"no annotations in {place}: {'; '.join(not_read)} (known are: {known})")
+    source = the_one(sources, place, ANNOTATION_READERS, "annotations")
+    return source.reader.read(_folder_of(place), source.path), not_read
 
 
-def _declared_metric(path: Path) -> bool | None:
-    if not path.exists():
-        return None
-    data = read_json(path)
-    if set(data) != {"metric"} or not isinstance(data["metric"], bool):
-        raise GtlayoutError(f'{path} must be {{"metric": true}} or {{"metric": false}}')
-    return data["metric"]
+def _folder_of(place: Path) -> Path:
+    """The folder that annotations lie in, of a zip the one that it lies in."""
+    return place if place.is_dir() else (archive_of(place) or place).parent

@@ -6,13 +6,14 @@ A new format is one file that fills these types and one entry in ``gtlayout.io``
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.scene import FloatArray, VideoFrame
 
@@ -88,7 +89,9 @@ class RawKeyFrame:
     image_size: tuple[int, int] | None
     """(width, height) px of the image that was annotated; None = not said."""
     number: int | None = None
-    """Counted from 0 in the video, or in the sorted images, that was annotated; None = not known."""
+    """Place among the images of the task that was annotated, from 0 on; None = not known."""
+    video_number: int | None = None
+    """Place in the video that the task's images were taken from, from 0 on; None = not known, or of no video."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +103,12 @@ class RawAnnotations:
     warnings: tuple[str, ...] = ()
     sequence_length: int | None = None
     """How many images ``RawKeyFrame.number`` counts; None = not known."""
+    of_video: bool | None = None
+    """Whether these are frames of a video, in order of time, or image files, in order of names; None = not known."""
+    is_part_of_video: bool = False
+    """Whether they are known to be some of a video's frames only."""
+    listed: tuple[str, ...] = ()
+    """Names of all images that the file lists, annotated or not, where it lists those, too."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +122,11 @@ class Reader(Generic[T]):
     """Scene folder → the files or folders of this format in it."""
     read: Callable[[Path, Path], T]
     """(scene folder, the one detected path) → the data; raises GtlayoutError."""
+    recognise: Callable[[Path], list[Path]] = lambda _path: []
+    """A file or folder that a user named, and that ``detect`` does not know by its name → what ``read`` takes of it;
+    none when it is of another format."""
+    in_parts: bool = False
+    """Whether several of them in one scene are parts or stages of one, of which the largest counts."""
 
 
 def named(name: str) -> Callable[[Path], list[Path]]:
@@ -123,6 +137,24 @@ def named(name: str) -> Callable[[Path], list[Path]]:
         return [path] if path.exists() else []
 
     return detect
+
+
+def json_with(*keys: str) -> Callable[[Path], list[Path]]:
+    """Recognises a JSON object with these keys in it or in what it lists, whatever the file is called."""
+
+    def recognise(path: Path) -> list[Path]:
+        if not path.is_file() or path.suffix.lower() != ".json":
+            return []
+        text = path.read_bytes()
+        return [path] if all(f'"{key}"'.encode() in text for key in keys) else []
+
+    return recognise
+
+
+def on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage]:
+    """The images, those whose file is spelled otherwise on disk with the path that it has."""
+    paths = files.find_each([[] if image.video is not None else [image.image_path] for image in images])
+    return [replace(image, image_path=path) if path else image for image, path in zip(images, paths, strict=True)]
 
 
 def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple[str, ...]]:

@@ -18,6 +18,7 @@ from gtlayout.quality.depth import drawn_pixels
 from gtlayout.quality.headline import Headline, headline
 from gtlayout.quality.measures import InstanceQuality, Measures
 from gtlayout.quality.reprojection import element_ious, mean_by_frame
+from gtlayout.quality.unit import unit_doubt
 from gtlayout.scene import Scene
 
 
@@ -62,6 +63,7 @@ def assess(
             config,
         )
         judged.append(replace(one, drawn_share=float(np.mean(drawn.instance == i)) if len(drawn.instance) else 0.0))
+    doubt = unit_doubt(scene, instances, planes, drawn.distance[known], config)
     measures = Measures(
         iou=iou,
         accepted=iou >= config.accept_iou,
@@ -75,7 +77,7 @@ def assess(
         worst_frame=int(np.nanargmin(frame_ious)),
         worst_element=int(np.argmin([e.iou for e in elements])),
     )
-    return Quality(**vars(measures), headline=headline(scene, instances, extents, measures, config))
+    return Quality(**vars(measures), headline=headline(scene, instances, extents, measures, config, doubt))
 
 
 def _reach(scene: Scene, instance: Instance, extent: Extent) -> float:

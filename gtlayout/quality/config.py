@@ -39,6 +39,11 @@ class QualityConfig:
     """A scene in which depth is known for less than this share of the drawn pixels is to be redone."""
     min_ok_share: float = 0.5
     """A scene is not trusted when less than this share of its drawn pixels lies on instances that are ok."""
+    min_room_depth_m: float = 0.3
+    max_room_depth_m: float = 30.0
+    """How far away the middle point of a room may be. Beyond these two the unit of a metric scene is not trusted."""
+    max_camera_height_m: float = 10.0
+    """Above the floor, likewise: no one films a room from higher up."""
     room_quantile: float = 0.95
     """The size of a room is this quantile of the distances of all drawn pixels whose depth is known."""
     max_reach: float = 1.6

@@ -34,17 +34,19 @@ def headline(
     extents: Sequence[Extent],
     measures: Measures,
     config: QualityConfig,
+    unit_doubt: str | None = None,
 ) -> Headline:
     """*Redo* if there is any reason for it, else *check* if there is any, else *trust*. All reasons are given.
 
     *Redo*: depth is known for less than ``config.min_known_share`` of what is drawn, or the IoU is not accepted.
 
-    *Check*: an instance is unobservable, or the σ of its depth is as large as its depth; a key frame's IoU is below
-    ``config.min_frame_iou``; an extent is out of all proportion (``config.max_reach``); the predicted verdict is
-    doubtful; instances that are ok have less than ``config.min_ok_share`` of the drawn pixels.
+    *Check*: the unit cannot be right (``unit_doubt`` says why); an instance is unobservable, or the σ of its depth is
+    as large as its depth; a key frame's IoU is below ``config.min_frame_iou``; an extent is out of all proportion
+    (``config.max_reach``); the predicted verdict is doubtful; instances that are ok have less than
+    ``config.min_ok_share`` of the drawn pixels.
     """
     redo = list(_redo(scene, instances, measures, config))
-    check = list(_check(scene, instances, extents, measures, config))
+    check = [*([unit_doubt] if unit_doubt else []), *_check(scene, instances, extents, measures, config)]
     if redo or check:
         return Headline("redo" if redo else "check", (*redo, *check))
     return Headline("trust", (_good(measures),))

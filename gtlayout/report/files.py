@@ -33,14 +33,22 @@ class Records:
     """What was skipped, repaired, joined or split."""
 
 
-def write_report(scene_dir: Path, folder: Path, out: Path, progress: Callable[[int, int], None]) -> None:
-    """Write the page of the layout in ``folder`` to ``out``.
+def write_report(
+    scene_dir: Path,
+    folder: Path,
+    out: Path,
+    progress: Callable[[int, int], None],
+    *,
+    cameras: Path | None = None,
+    annotations: Path | None = None,
+) -> None:
+    """Write the page of the layout in ``folder`` to ``out``; ``cameras`` and ``annotations`` as for ``load_scene``.
 
     Raises:
         GtlayoutError: the scene or its results cannot be read, or the disk does not take the page. A key frame's image
             that cannot be read only leaves its place in the page empty.
     """
-    scene = with_refined_cameras(load_scene(scene_dir), folder)
+    scene = with_refined_cameras(load_scene(scene_dir, annotations, cameras=cameras), folder)
     layout = read_layout(folder, scene)
     records = read_records(folder)
     quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())

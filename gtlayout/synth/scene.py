@@ -17,8 +17,9 @@ from gtlayout.io.cameras.nerfstudio import write_transforms
 from gtlayout.io.cameras.re10k import read_cameras
 from gtlayout.io.files import new_folder, write_atomic, write_json_atomic
 from gtlayout.io.pixels.images import encoded
-from gtlayout.io.scene_folder import SCENE_FILE, load_scene
+from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import FILE as TRUTH_FILE
+from gtlayout.io.units import SCENE_FILE
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame
 from gtlayout.synth.annotate import annotate

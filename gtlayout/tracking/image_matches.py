@@ -136,9 +136,12 @@ def _matched(first: _Image, second: _Image, config: ImageMatchConfig) -> tuple[I
     if len(of_a) < config.min_matches:
         return nothing, nothing
     tolerance_px = config.tolerance_sigmas * max(a.sigma_px, b.sigma_px)
-    _, agree = cv2.findFundamentalMat(
-        a.points_px[of_a], b.points_px[of_b], cv2.USAC_MAGSAC, tolerance_px, 0.999, config.iterations
-    )
+    try:
+        _, agree = cv2.findFundamentalMat(
+            a.points_px[of_a], b.points_px[of_b], cv2.USAC_MAGSAC, tolerance_px, 0.999, config.iterations
+        )
+    except cv2.error:  # OpenCV 5.0 fails on some good points (an empty model): this pair is then not matched.
+        agree = None
     kept: BoolArray = np.zeros(len(of_a), dtype=bool) if agree is None else agree.ravel() > 0
     if kept.sum() < max(config.min_matches, config.min_share * len(kept)):
         return nothing, nothing

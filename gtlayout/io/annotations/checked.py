@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeGuard
 
@@ -17,6 +18,10 @@ MAX_PX = 1e6
 """No image is that large: a coordinate beyond it is an error."""
 MAX_NAME = 1000
 """Signs; longer ones are no names."""
+MAX_WHERE = 120
+"""Signs that say where something is: a tool's file may call an image by a whole text."""
+MAX_REASONS = 5
+"""In an error; more do not fit into its line."""
 
 
 class UnusableError(Exception):
@@ -33,11 +38,19 @@ class Notes:
     def add(self, what: str, where: str) -> None:
         """Count one more ``what``."""
         self.counts[what] += 1
-        self.first.setdefault(what, where)
+        self.first.setdefault(what, where if len(where) <= MAX_WHERE else f"{where[: MAX_WHERE - 1]}…")
 
     def lines(self, file: str) -> list[str]:
         """One line per kind."""
-        return [f"{file}: {what} ({n}, first in {self.first[what]})" for what, n in self.counts.items()]
+        named = printable(file)
+        return [f"{named}: {what} ({n}, first in {self.first[what]})" for what, n in self.counts.items()]
+
+
+def because(reasons: Sequence[str], file: str) -> str:
+    """ " (one; another)" to end an error that names ``file``, with what readers left out of it; nothing for nothing."""
+    named = [reason.removeprefix(f"{file}: ") for reason in reasons[:MAX_REASONS]]
+    more = [f"and {len(reasons) - MAX_REASONS} more reasons"] if len(reasons) > MAX_REASONS else []
+    return f" ({'; '.join([*named, *more])})" if named else ""
 
 
 def is_px(value: Any) -> TypeGuard[float]:
@@ -68,3 +81,10 @@ def points(values: Any) -> FloatArray:
     if not numbers or len(values) % 2:
         raise UnusableError("its points are no pairs of finite numbers")
     return np.array(values, dtype=np.float64).reshape(-1, 2)
+
+
+def pairs(values: Any) -> FloatArray:
+    """(N, 2) px from a list of [x, y]; raises UnusableError."""
+    if not isinstance(values, list) or not all(isinstance(point, list) and len(point) == 2 for point in values):
+        raise UnusableError("its points are no pairs of finite numbers")
+    return points([value for point in values for value in point])

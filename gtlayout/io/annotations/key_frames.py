@@ -6,16 +6,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.annotations.checked import because
 from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import Kind, label_meanings, meaning
-from gtlayout.io.annotations.outlines import Repairs, View, polyline, region
+from gtlayout.io.annotations.outlines import MAX_STRETCH, Repairs, View, polyline, region
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
 from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
-
-MAX_STRETCH = 0.01
-"""Annotated copies of the images may have another size, but not another shape."""
 
 
 def build_key_frames(
@@ -32,21 +30,25 @@ def build_key_frames(
     find = FrameFinder(annotations, frames, without_image)
     repairs, unknown_labels = Repairs(), Counter[str]()
     by_frame: dict[int, KeyFrame] = {}
-    skipped, resized = [], []
+    skipped, resized, shown_turned = [], [], []
     for raw in annotations.key_frames:
-        index = find(raw)
-        if isinstance(index, str):
-            skipped.append(f"annotated image {raw.image} {index}")
+        match = find(raw)
+        if isinstance(match, str):
+            skipped.append(f"annotated image {raw.image} {match}")
             continue
+        index = match.index
         if index in by_frame:
             skipped.append(f"image {raw.image} is annotated twice, the first time counts")
             continue
-        view = View.of(raw.image, frames[index], raw.image_size)
+        view = View.of(raw.image, frames[index], raw.image_size, on_video=match.on_video)
         if problem := _other_shape(view):
             skipped.append(problem)
             continue
-        if view.annotated_size != view.file_size:
+        if view.annotated_size != view.drawn_size:
             resized.append(view)
+        # Whatever shows a video turns it, CVAT, too.
+        if view.drawn_on_shown and not match.on_video and (raw.image_size is None or view.sizes_cannot_tell):
+            shown_turned.append(view)
         by_frame[index] = _key_frame(raw, index, view, meanings, repairs, unknown_labels)
     file = annotations.path.name
     warnings = [
@@ -55,8 +57,9 @@ def build_key_frames(
             f"occlusion_edge; {LABELS_FILE} can say what others mean)"
             for label, n in sorted(unknown_labels.items())
         ),
-        *(f"{file}: {line}" for line in skipped),
+        *(f"{file}: {line}" for line in (*find.warnings, *skipped)),
         *([_resized(file, resized)] if resized else []),
+        *([_shown_turned(file, shown_turned)] if shown_turned else []),
         *(
             [f"{file}: {repairs.overhanging} polygons reach beyond the image and were clipped"]
             if repairs.overhanging
@@ -66,7 +69,7 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        why = f" ({warnings[0].removeprefix(f'{file}: ')})" if warnings else ""
+        why = because([*annotations.warnings, *warnings] or ["nothing is drawn in it"], file)
         raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
@@ -114,17 +117,24 @@ def _key_frame(
 
 
 def _other_shape(view: View) -> str | None:
-    (width, height), (file_width, file_height) = view.annotated_size, view.file_size
-    if abs(width * file_height / (height * file_width) - 1) <= MAX_STRETCH:
+    if not view.has_other_shape:
         return None
-    turned = abs(height * file_height / (width * file_width) - 1) <= MAX_STRETCH
+    (width, height), (drawn_width, drawn_height) = view.annotated_size, view.drawn_size
+    turned = abs(height * drawn_height / (width * drawn_width) - 1) <= MAX_STRETCH
     hint = "it was shown turned: remove the EXIF orientation" if turned else "annotate the images as they are"
-    return f"{view.name} was annotated at {width}x{height} px but its camera says {file_width}x{file_height}: {hint}"
+    return f"{view.name} was annotated at {width}x{height} px but its camera says {drawn_width}x{drawn_height}: {hint}"
 
 
 def _resized(file: str, views: Sequence[View]) -> str:
-    (width, height), (file_width, file_height) = views[0].annotated_size, views[0].file_size
+    (width, height), (file_width, file_height) = views[0].annotated_size, views[0].drawn_size
     return (
         f"{file}: {len(views)} images were annotated in another size, first {views[0].name} at {width}x{height} px "
         f"instead of {file_width}x{file_height}: their shapes were scaled"
+    )
+
+
+def _shown_turned(file: str, views: Sequence[View]) -> str:
+    return (
+        f"{file}: {len(views)} annotated images have an orientation tag (EXIF), first {views[0].name}: they were read "
+        "as drawn on the image as tools show it, turned; if the tool showed the pixels as stored, remove the tag"
     )

@@ -21,13 +21,15 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import Notes, UnusableError, image_size, name, points
+from gtlayout.io.annotations.checked import Notes, UnusableError, image_size, name, pairs
 from gtlayout.io.annotations.masks import decode_mask, mask_polygons, simple_rings
+from gtlayout.io.archives import archive_of
 from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
-POLYGONS = ("polygon", "rectangle", "rotation", "oriented_rectangle")
+POLYGONS = ("polygon", "rectangle", "rotation", "oriented_rectangle", "quadrilateral")
+"""The last three are X-AnyLabeling's."""
 LINES = ("line", "linestrip")
 VERSION = "5.0.1"
 """The format as written here is understood by all since."""
@@ -36,7 +38,7 @@ ID = re.compile(r"id=(.+)")
 
 
 def read_labelme(_root: Path, folder: Path) -> RawAnnotations:
-    """Read the folder's files; those without a shape are no key frames.
+    """Read the files in a folder or a zip, or a single one; those without a shape are no key frames.
 
     Shapes of a group and a label are parts of one element, ``visible`` ones of a group its visible parts. Circles,
     points, broken shapes, and files that cannot be read are dropped with a warning per kind. Raises GtlayoutError when
@@ -90,14 +92,15 @@ def _key_frame(path: Path, notes: Notes) -> RawKeyFrame:
     shapes = data.get("shapes")
     if not isinstance(shapes, list):
         raise GtlayoutError(f"{path}: shapes must be a list" + ("" if "shapes" in data else ", it is missing"))
-    # Relative to the file, on Windows with backslashes; it is looked for among the frames, never opened.
-    image = re.sub(r"\A(\.{0,2}/)+", "", (name(data.get("imagePath")) or "").replace("\\", "/")) or path.stem
+    # Relative to the file; it is looked for among the frames, never opened.
+    image = name(data.get("imagePath")) or path.stem
     found = []
     for shape in shapes:
         try:
             found.append(_shape(shape))
         except UnusableError as reason:
-            notes.add(f"shape skipped: {reason}", path.name)
+            kind = (name(shape.get("shape_type")) if isinstance(shape, dict) else None) or "shape"
+            notes.add(f"{kind} skipped: {reason}", path.name)
     return RawKeyFrame(image, tuple(found), image_size(data.get("imageWidth"), data.get("imageHeight")))
 
 
@@ -105,10 +108,8 @@ def _shape(shape: Any) -> RawShape:
     label = name(shape.get("label")) if isinstance(shape, dict) else None
     if label is None:
         raise UnusableError("it has no label")
-    kind, corners = shape.get("shape_type", "polygon"), shape.get("points")
-    if not isinstance(corners, list) or not all(isinstance(p, list) and len(p) == 2 for p in corners):
-        raise UnusableError("its points are no pairs of finite numbers")
-    points_px = points([value for point in corners for value in point])
+    kind = shape.get("shape_type") or "polygon"  # version 3 said nothing, or null
+    points_px = pairs(shape.get("points"))
     polygons: tuple[FloatArray, ...] = ()
     lines: tuple[FloatArray, ...] = ()
     if kind == "mask":
@@ -178,8 +179,10 @@ def _written(
     }
 
 
-def _detect(root: Path) -> list[Path]:
-    return list(dict.fromkeys(path.parent for path in files_of_kind("labelme")(root)))
+def _detect(place: Path) -> list[Path]:
+    """Folders; a zip counts as one, and a file that is named as itself."""
+    files = files_of_kind("labelme")(place)
+    return files if files == [place] else list(dict.fromkeys(archive_of(path) or path.parent for path in files))
 
 
 READER = Reader("LabelMe", "LabelMe's .json files", _detect, read_labelme)

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import NATIVE_FILE, files_of_kind
-from gtlayout.io.annotations.checked import MAX_PX, is_px
+from gtlayout.io.annotations.checked import MAX_PX, Notes, UnusableError, name, pairs
 from gtlayout.io.annotations.masks import simple_rings
 from gtlayout.io.files import printable, read_json, write_json_atomic
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
@@ -22,15 +20,20 @@ FORMAT = "gtlayout-annotations/1"
 def read_annotations(_root: Path, path: Path) -> RawAnnotations:
     """Read the file; geometry is left as drawn.
 
-    Raises GtlayoutError naming file, frame and element for whatever has the wrong type or is not a finite number, and
-    for ids that occur twice in a frame.
+    What has the wrong type, is no finite number, or an element with the id of another of its frame is dropped with a
+    warning per kind: a line, an element, a frame. Raises GtlayoutError naming the file when it has another format, or
+    no list of frames.
     """
     data = read_json(path)
     if data.get("format") != FORMAT:
         raise GtlayoutError(f"{path}: format is {data.get('format')!r}, expected {FORMAT!r}")
     size = _image_size(data.get("image_size"), path)
-    frames = _list(data, "frames", f"{path}", required=True)
-    return RawAnnotations(path, tuple(_key_frame(frame, i, size, path) for i, frame in enumerate(frames)))
+    frames = data.get("frames")
+    if not isinstance(frames, list):
+        raise GtlayoutError(f"{path}: frames must be a list" + ("" if "frames" in data else ", it is missing"))
+    notes = Notes()
+    key_frames = [_key_frame(frame, i, size, notes) for i, frame in enumerate(frames)]
+    return RawAnnotations(path, tuple(filter(None, key_frames)), tuple(notes.lines(path.name)))
 
 
 def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
@@ -59,52 +62,54 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
     write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if len(sizes) == 1 else None, "frames": entries})
 
 
-def _key_frame(data: Any, index: int, size: tuple[int, int] | None, path: Path) -> RawKeyFrame:
+def _key_frame(data: Any, index: int, size: tuple[int, int] | None, notes: Notes) -> RawKeyFrame | None:
     if not isinstance(data, dict) or not isinstance(data.get("image"), str) or not data["image"]:
-        raise GtlayoutError(f"{path}: frame number {index} has no image name")
+        notes.add("frame skipped: it has no image name", f"frame number {index}")
+        return None
     image = printable(data["image"])
-    where = f"{path}: frame {image}"
-    elements = tuple(_element(e, i, where) for i, e in enumerate(_list(data, "elements", where, required=True)))
-    ids = [str(element.id) for element in elements]
-    twice = sorted({each for each in ids if ids.count(each) > 1})
-    if twice:
-        raise GtlayoutError(f"{where}: element id {twice[0]} occurs more than once; ids must be unique within a frame")
-    edges = RawShape("occlusion_edge", lines=_polylines(data, "occlusion_edges", where))
-    return RawKeyFrame(image, (*elements, edges), size)
+    elements: dict[str, RawShape] = {}
+    for number, each in enumerate(_list(data, "elements", image, notes)):
+        try:
+            element = _element(each, image, notes)
+        except UnusableError as reason:
+            notes.add(f"element skipped: {reason}", f"{image}, element number {number}")
+            continue
+        if element.id in elements:
+            notes.add("element skipped: another of its frame has its id", f"{image}, element {element.id}")
+            continue
+        elements[str(element.id)] = element
+    edges = RawShape("occlusion_edge", lines=_polylines(data, "occlusion_edges", image, notes))
+    return RawKeyFrame(image, (*elements.values(), edges), size)
 
 
-def _element(data: Any, index: int, where: str) -> RawShape:
-    if not isinstance(data, dict) or not isinstance(data.get("id"), str | int) or isinstance(data["id"], bool):
-        raise GtlayoutError(f"{where}: element number {index} has no id")
-    own_id = printable(str(data["id"]))
-    where = f"{where}, element {own_id}"
-    if not isinstance(data.get("label"), str):
-        raise GtlayoutError(f"{where} has no label")
-    polygons = _polylines(data, "polygons", where, required=True)
-    visible = _polylines(data, "visible", where)
-    return RawShape(printable(data["label"]), polygons, visible=visible, id=own_id)
+def _element(data: Any, image: str, notes: Notes) -> RawShape:
+    own_id = name(data.get("id")) if isinstance(data, dict) else None
+    label = name(data.get("label")) if isinstance(data, dict) else None
+    if own_id is None or label is None:
+        raise UnusableError(f"it has no {'id' if own_id is None else 'label'}")
+    where = f"{image}, element {own_id}"
+    polygons = _polylines(data, "polygons", where, notes)
+    if not polygons:
+        raise UnusableError("it has no polygon")
+    return RawShape(label, polygons, visible=_polylines(data, "visible", where, notes), id=own_id)
 
 
-def _polylines(data: dict[str, Any], key: str, where: str, *, required: bool = False) -> tuple[FloatArray, ...]:
-    return tuple(
-        _points(line, f"{where}: {key}[{i}]") for i, line in enumerate(_list(data, key, where, required=required))
-    )
+def _polylines(data: dict[str, Any], key: str, where: str, notes: Notes) -> tuple[FloatArray, ...]:
+    found = []
+    for i, line in enumerate(_list(data, key, where, notes)):
+        try:
+            found.append(pairs(line))
+        except UnusableError as reason:
+            notes.add(f"line in {key} skipped: {reason}", f"{where}: {key}[{i}]")
+    return tuple(found)
 
 
-def _list(data: dict[str, Any], key: str, where: str, *, required: bool = False) -> list[Any]:
-    value = data.get(key, None if required else [])
+def _list(data: dict[str, Any], key: str, where: str, notes: Notes) -> list[Any]:
+    value = data.get(key, [])
     if not isinstance(value, list):
-        raise GtlayoutError(f"{where}: {key} must be a list" + ("" if key in data else ", it is missing"))
+        notes.add(f"{key} skipped: it is no list", where)
+        return []
     return value
-
-
-def _points(value: Any, where: str) -> FloatArray:
-    """(N, 2) from a list of [x, y]."""
-    if not isinstance(value, list) or not all(
-        isinstance(p, list) and len(p) == 2 and all(map(is_px, p)) for p in value
-    ):
-        raise GtlayoutError(f"{where} must be a list of [x, y] in pixels, all of them finite numbers")
-    return np.array(value, dtype=np.float64).reshape(-1, 2)
 
 
 def _image_size(value: Any, path: Path) -> tuple[int, int] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -11,6 +11,8 @@ from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.io.cameras.upright import Upright
+from gtlayout.io.pixels.turn import AS_STORED
 from gtlayout.scene import FloatArray, Frame
 
 OVERHANG_PX = 1.0
@@ -20,6 +22,8 @@ MIN_AREA_PX2 = 1.0
 REDUNDANT_PX = 0.5
 """How far an outline may move when vertices go that say nothing: as far as rounding to whole pixels moves it, less than
 a hand is off. Of an image of 640x480; see ``Camera.annotation_scale`` for others."""
+MAX_STRETCH = 0.01
+"""Annotated copies of the images may have another size, but not another shape."""
 MOST_CLICKED = 64
 """Polygons with no more vertices were clicked one by one, and keep them; masks and brush strokes have one a pixel."""
 
@@ -39,7 +43,7 @@ class View:
     """The image an annotator saw, and the way from its pixels to the pinhole camera's."""
 
     name: str
-    lens: Undistortion | None
+    lens: Undistortion | Upright | None
     pinhole_size: tuple[int, int]
     """(width, height) px."""
     annotated_size: tuple[int, int]
@@ -48,17 +52,53 @@ class View:
     """That of the pinhole camera."""
 
     @classmethod
-    def of(cls, name: str, frame: Frame, annotated_size: tuple[int, int] | None) -> View:
-        """The frame as an annotator saw it; in the size of the image file when ``annotated_size`` is None."""
-        lens = frame.undistort if isinstance(frame.undistort, Undistortion) else None
+    def of(cls, name: str, frame: Frame, annotated_size: tuple[int, int] | None, *, on_video: bool = False) -> View:
+        """The frame as an annotator saw it; in the size of the image file when ``annotated_size`` is None.
+
+        ``on_video``: as it is in the video that the image file was made of.
+        """
+        lens = frame.undistort if isinstance(frame.undistort, Undistortion | Upright) else None
+        origin = frame.origin.resampled if frame.origin and on_video else None
+        if isinstance(origin, Upright) and not isinstance(lens, Upright):
+            lens = replace(origin, lenses=(*origin.lenses, lens)) if lens else origin
         pinhole_size = (frame.camera.width, frame.camera.height)
-        file_size = (lens.width, lens.height) if lens else pinhole_size
-        return cls(name, lens, pinhole_size, annotated_size or file_size, frame.camera.annotation_scale)
+        view = cls(name, lens, pinhole_size, (0, 0), frame.camera.annotation_scale)
+        return replace(view, annotated_size=annotated_size or view.shown_size)
 
     @property
     def file_size(self) -> tuple[int, int]:
         """(width, height) px of the image file."""
         return (self.lens.width, self.lens.height) if self.lens else self.pinhole_size
+
+    @property
+    def shown_size(self) -> tuple[int, int]:
+        """(width, height) px of the image as a viewer shows it."""
+        return self.lens.shown_size if isinstance(self.lens, Upright) else self.file_size
+
+    @property
+    def drawn_on_shown(self) -> bool:
+        """Whether the drawing is of the image as shown, and not of its pixels as stored, which differ.
+
+        Annotation tools show images as their orientation tag asks, so it is, unless its size says otherwise.
+        """
+        if not isinstance(self.lens, Upright) or self.lens.shown == AS_STORED:
+            return False
+        return _same_shape(self.annotated_size, self.shown_size)
+
+    @property
+    def sizes_cannot_tell(self) -> bool:
+        """Whether the image has the same shape as shown and as stored: turned by 180°, mirrored, or square."""
+        return _same_shape(self.shown_size, self.file_size)
+
+    @property
+    def drawn_size(self) -> tuple[int, int]:
+        """(width, height) px of the image that was drawn on, if no copy of another size was."""
+        return self.shown_size if self.drawn_on_shown else self.file_size
+
+    @property
+    def has_other_shape(self) -> bool:
+        """Whether the drawing can be of this image neither as shown nor as stored."""
+        return not _same_shape(self.annotated_size, self.drawn_size)
 
     def to_pinhole(self, points_px: FloatArray) -> FloatArray:
         """(N, 2) pixels of the image file → (N, 2) of the pinhole one."""
@@ -66,8 +106,9 @@ class View:
 
     def to_file(self, points_px: FloatArray) -> FloatArray:
         """(N, 2) pixels drawn → (N, 2) of the image file."""
-        same = self.annotated_size == self.file_size
-        return points_px if same else points_px * (np.array(self.file_size) / self.annotated_size)
+        if self.annotated_size != self.drawn_size:
+            points_px = points_px * (np.array(self.drawn_size) / self.annotated_size)
+        return self.lens.from_shown(points_px) if isinstance(self.lens, Upright) and self.drawn_on_shown else points_px
 
 
 def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repairs) -> MultiPolygon:
@@ -151,6 +192,10 @@ def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) ->
         repairs.lines.append(f"{where}: polygon dropped, the lens model has no inverse at one of its points")
         return NOTHING
     return polygonal(_valid(straight) & shapely.box(0, 0, *view.pinhole_size))
+
+
+def _same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    return abs(size[0] * other[1] / (size[1] * other[0]) - 1) <= MAX_STRETCH
 
 
 def _distinct(points_px: FloatArray) -> int:

@@ -18,14 +18,25 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotations.checked import NO_OCCLUSION_EDGES
+from gtlayout.io.annotations.checked import NO_OCCLUSION_EDGES, Notes
 from gtlayout.io.annotations.masks import decode_mask, mask_polygons, simple_rings
 from gtlayout.io.cad_estate.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.cad_estate.room_structure import read_room_structure
 from gtlayout.io.cameras.lenses import MAX_STRETCH, finite, lens
+from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timed_images import TimedImages, find_timed_images
 from gtlayout.io.files import read_json
-from gtlayout.io.sources import PosedImage, PosedImages, RawAnnotations, RawKeyFrame, RawShape, Reader, named, usable
+from gtlayout.io.sources import (
+    PosedImage,
+    PosedImages,
+    RawAnnotations,
+    RawKeyFrame,
+    RawShape,
+    Reader,
+    json_with,
+    named,
+    usable,
+)
 from gtlayout.scene import FloatArray, ImageArray, Label
 
 FRAMES_FILE = "frames.json"
@@ -62,25 +73,35 @@ def read_frames(root: Path, path: Path) -> PosedImages:
     return PosedImages(tuple(images), (*clip.images.warnings, *skipped))
 
 
-def read_masks(root: Path, path: Path) -> RawAnnotations:
+def read_masks(_root: Path, path: Path) -> RawAnnotations:
     """Read the processed masks: each region becomes polygons, with the label that ``room_structure.npz`` gives it.
 
-    Ids are the masks' numbers. Masks may have another size than the images: polygons are scaled to them.
-    Raises GtlayoutError naming the mask when it is no 8-bit grey image or holds a number without a label.
+    Ids are the masks' numbers. Masks may have another size than the images: polygons are scaled to them. Masks that are
+    no 8-bit grey image, and elements that are noise or have a number without a label, are dropped with a warning.
+    Raises GtlayoutError naming the first mask when none can be used.
     """
     masks = sorted(path.glob(f"{STRUCTURE_MASK}*.png"))
     if not masks:
         raise GtlayoutError(f"{path} holds no mask; looked for {STRUCTURE_MASK}<video>_<timestamp>.png")
+    root = path.parent
     labels = read_room_structure(root / STRUCTURE_FILE).labels
     frames_file = root / FRAMES_FILE
     size = _clip(root, frames_file).images.size if frames_file.exists() else None
-    key_frames, warnings = [], [f"{path}: masks carry {NO_OCCLUSION_EDGES}"]
-    without_visible = []
+    key_frames, warnings, broken = [], [f"{path}: masks carry {NO_OCCLUSION_EDGES}"], []
+    notes, without_visible = Notes(), []
     for mask in masks:
         visible = mask.with_name(VISIBLE_MASK + mask.name.removeprefix(STRUCTURE_MASK))
         if not visible.exists():
             without_visible.append(visible.name)
-        key_frames.append(_key_frame(mask, visible, labels, size))
+        try:
+            key_frames.append(_key_frame(mask, visible, labels, size, notes))
+        except GtlayoutError as error:
+            broken.append(str(error))
+    if not key_frames:
+        raise GtlayoutError(broken[0])
+    if broken:
+        warnings.append(f"{len(broken)} of {len(masks)} masks cannot be used and were skipped, first: {broken[0]}")
+    warnings += notes.lines(path.name)
     if without_visible:
         count = f"{len(without_visible)} of {len(masks)} key frames"
         warnings.append(f"{path}: {count} have no mask of visible parts, first {without_visible[0]}")
@@ -130,16 +151,18 @@ def _posed_image(frame: dict[str, Any], index: int, clip: Clip, path: Path) -> P
     if min(fx, fy) <= 0:
         raise GtlayoutError(f"{where}: focal lengths must be positive")
     w, x, y, z = quat_wxyz = _numbers(pose.get("rotation"), 4, f"{where}: rotation")
-    if abs(math.hypot(*quat_wxyz) - 1) > MAX_QUATERNION_ERROR:
-        raise GtlayoutError(f"{where}: rotation is no unit quaternion")
+    length = math.hypot(*quat_wxyz)
+    if abs(length - 1) > MAX_QUATERNION_ERROR:
+        raise GtlayoutError(f"{where}: rotation is no unit quaternion (its length is {length:.4g})")
+    turned = np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64)
+    moved = _numbers(pose.get("translation"), 3, f"{where}: translation")
     name = f"{clip.video}_{frame['timestamp']}.jpg"
     scale_x, scale_y = clip.scale
     return PosedImage(
         name,
         clip.images.paths[index],
         lens("PINHOLE", clip.images.size, [fx * scale_x, fy * scale_y, cx * scale_x, cy * scale_y], where),
-        np.asarray(Rotation.from_quat([x, y, z, w]).as_matrix(), dtype=np.float64),
-        np.array(_numbers(pose.get("translation"), 3, f"{where}: translation")),
+        *rigid(np.column_stack([turned, moved]), f"{where}: the pose"),
         video=clip.images.video_frames[index],
     )
 
@@ -157,32 +180,49 @@ def _is_timestamp(value: Any) -> bool:
 
 
 def _key_frame(
-    mask: Path, visible: Path, labels: tuple[Label | None, ...], image_size: tuple[int, int] | None
+    mask: Path,
+    visible: Path,
+    labels: tuple[Label | None, ...],
+    image_size: tuple[int, int] | None,
+    notes: Notes,
 ) -> RawKeyFrame:
     structure = _read_mask(mask)
     numbers = [int(number) for number in np.unique(structure) if number]
-    if numbers and numbers[-1] >= len(labels):
-        raise GtlayoutError(f"{mask}: element {numbers[-1]} has no label in {STRUCTURE_FILE}, which has {len(labels)}")
     height, width = structure.shape
-    seen = _read_mask(visible) if visible.exists() else np.zeros_like(structure)
-    if seen.shape != structure.shape:
-        raise GtlayoutError(f"{visible} is {seen.shape[1]}x{seen.shape[0]} px, {mask.name} is {width}x{height}")
+    seen = _visible_mask(visible, structure, notes)
     # Masks that only say that something is visible, not what, are understood, too.
     only = set(np.unique(seen)) - {0}
     seen = np.where(seen > 0, structure, 0) if only in ({1}, {255}) else seen
     scale = np.array(image_size or (width, height)) / (width, height)
     shapes = []
     for number in numbers:
-        if (label := labels[number]) is not None:
+        where = f"{mask.name}, element {number}"
+        if number >= len(labels):
+            notes.add(f"element skipped: it has no label in {STRUCTURE_FILE}, which has {len(labels)}", where)
+        elif (label := labels[number]) is not None:
             own = structure == number
             try:
                 regions = (simple_rings(mask_polygons(own)), simple_rings(mask_polygons(own & (seen == number))))
             except ValueError as error:
-                raise GtlayoutError(f"{mask}: element {number} {error}") from error
+                notes.add(f"element skipped: it {error}", where)
+                continue
             polygons, visible_parts = (tuple(ring * scale for ring in rings) for rings in regions)
             shapes.append(RawShape(label, polygons, visible=visible_parts, id=str(number)))
     image = mask.stem.removeprefix(STRUCTURE_MASK) + ".jpg"
     return RawKeyFrame(image, tuple(shapes), image_size or (width, height))
+
+
+def _visible_mask(path: Path, structure: ImageArray, notes: Notes) -> ImageArray:
+    """Nothing but zeros where it is absent or broken: then the whole elements count."""
+    try:
+        if path.exists() and (seen := _read_mask(path)).shape == structure.shape:
+            return seen
+        problem = "it has another size" if path.exists() else None
+    except GtlayoutError as error:
+        problem = str(error)
+    if problem is not None:
+        notes.add(f"mask of visible parts skipped: {problem.removeprefix(f'{path} ')}", path.name)
+    return np.zeros_like(structure)
 
 
 def _read_mask(path: Path) -> ImageArray:
@@ -194,9 +234,11 @@ def _read_mask(path: Path) -> ImageArray:
         raise GtlayoutError(f"{path} {error}") from error
 
 
-def _detect_masks(root: Path) -> list[Path]:
-    return [root / MASKS_FOLDER] if (root / MASKS_FOLDER).is_dir() else []
+def _detect_masks(place: Path) -> list[Path]:
+    """In a clip's folder; or the folder of the masks itself."""
+    folder = place if place.name == MASKS_FOLDER else place / MASKS_FOLDER
+    return [folder] if folder.is_dir() else []
 
 
-CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames)
+CAMERA_READER = Reader("CAD-Estate", FRAMES_FILE, named(FRAMES_FILE), read_frames, json_with("clip_name", "frames"))
 ANNOTATION_READER = Reader("CAD-Estate", MASKS_FOLDER, _detect_masks, read_masks)

@@ -17,6 +17,7 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens, pinhole
+from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timestamps import match_times
 from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
@@ -24,6 +25,8 @@ from gtlayout.scene import FloatArray
 
 Stamped = tuple[FloatArray, list[Path]]
 """Times in seconds, and the file of each."""
+Pose = tuple[FloatArray, FloatArray]
+"""(3, 3) rotation and (3,) translation of ``cam_from_world``."""
 KINDS = ("wide", "vga_wide", "lowres_wide")
 """Image folders, best first: one lens at three resolutions, so that any trajectory serves all (issue 32)."""
 DEPTH, DEPTH_INTRINSICS = "lowres_depth", "lowres_wide_intrinsics"
@@ -67,7 +70,7 @@ def read_arkitscenes(_root: Path, path: Path) -> PosedImages:
 
 
 def _posed_images(
-    stamped: Stamped, times: FloatArray, poses: list[FloatArray], folder: Path, kind: str
+    stamped: Stamped, times: FloatArray, poses: list[Pose], folder: Path, kind: str
 ) -> tuple[list[PosedImage], list[str]]:
     """The images of ``kind`` that have all they need, and what the others lack."""
     intrinsics = _by_time(folder / f"{kind}_intrinsics", ".pincam")
@@ -91,19 +94,20 @@ def _posed_images(
             continue
         depth_camera = _depth_camera(depth_intrinsics, time) if i_depth >= 0 else None
         depth = depths[1][i_depth] if depth_camera else None
-        R_cam_from_world = np.asarray(cv2.Rodrigues(poses[i_pose][:3])[0], dtype=np.float64)
-        images.append(PosedImage(file.name, file, camera, R_cam_from_world, poses[i_pose][3:], depth, depth_camera))
+        R_cam_from_world, t_cam_from_world = poses[i_pose]
+        images.append(PosedImage(file.name, file, camera, R_cam_from_world, t_cam_from_world, depth, depth_camera))
     return images, problems
 
 
-def _read_trajectory(path: Path) -> tuple[FloatArray, list[FloatArray], list[str]]:
-    """Times in seconds, (6,) axis-angle and translation of world-to-camera each, and a warning if lines were bad."""
+def _read_trajectory(path: Path) -> tuple[FloatArray, list[Pose], list[str]]:
+    """Times in seconds, the pose of each, and a warning if lines were bad."""
     times, poses, bad = [], [], []
     for number, line in enumerate(_text(path).splitlines(), start=1):
         values = _floats(line)
         if values is not None and len(values) == 7 and np.all(np.abs(values[1:4]) <= MAX_ANGLE):
             times.append(values[0])
-            poses.append(values[1:])
+            rotation = cv2.Rodrigues(values[1:4])[0]
+            poses.append(rigid(np.column_stack([rotation, values[4:]]), f"{path}, line {number}: the pose"))
         elif line.strip():
             bad.append(number)
     if not poses:
@@ -154,7 +158,7 @@ def _nearest(stamped: Stamped, time: float) -> Path | None:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
     except ValueError as error:
@@ -177,4 +181,8 @@ def _detect(root: Path) -> list[Path]:
     return [first for files in found if (first := next(filter(Path.is_file, files), None))]
 
 
-READER = Reader("ARKitScenes", "lowres_wide.traj", _detect, read_arkitscenes)
+def _recognise(path: Path) -> list[Path]:
+    return [path] if path.is_file() and path.suffix == ".traj" else []
+
+
+READER = Reader("ARKitScenes", "lowres_wide.traj", _detect, read_arkitscenes, _recognise)

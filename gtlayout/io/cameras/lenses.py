@@ -17,9 +17,17 @@ MAX_SIDE_PX = 1 << 16
 FOCAL_SHARES = (1e-3, 1e3)
 """Of the image's longer side: from any fisheye to any telescope."""
 MAX_PARAMETER = 1e9
-"""Principal points and distortion coefficients; beyond it, a number is damage."""
+"""Distortion coefficients; beyond it, a number is damage."""
 MAX_STRETCH = 0.01
 """Images may come in another size than their cameras say, but not in another shape."""
+MAX_OFF_CENTRE = 0.2
+"""Share of the side by which a principal point is off the image's centre without a doubt: lenses and sensors are built
+to 1 or 2 %, structure from motion errs by 5 %, and what is farther off is cropped or of images of another size."""
+SAME_SHARE = 0.1
+"""A principal point lies at the same share of both sides, as in an image of another size, when so much is between
+them: twice the error of structure from motion."""
+DOUBTED_SIZE, OTHER_SIZE = 1.1, 1.5
+"""From this ratio of sizes on, to either side, intrinsics are doubted to be of images of this size; and are not."""
 
 
 def finite(value: Any) -> float | None:
@@ -33,15 +41,21 @@ def finite(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def lens(model: str, size: tuple[float, float], params: Sequence[float], where: str) -> pycolmap.Camera:
+def lens(
+    model: str, size: tuple[float, float], params: Sequence[float], where: str, *, size_is_stated: bool = True
+) -> pycolmap.Camera:
     """COLMAP's camera ``model`` for images of ``size`` (width, height) px, pixel centres at +0.5.
 
-    Raises GtlayoutError, beginning with ``where``, when the size, a focal length or another parameter cannot be one.
+    ``size_is_stated``: whether the file says for what size it is; where it does not, ``size`` is that of the images.
+    Raises GtlayoutError, beginning with ``where``, when the size, a focal length or another parameter cannot be one, or
+    the principal point says that the camera is for images of another size.
     """
     if not all(2 <= side <= MAX_SIDE_PX and side % 1 == 0 for side in size):
         raise GtlayoutError(f"{where}: an image of {size[0]:g}x{size[1]:g} px is none (whole numbers from 2 on)")
     camera = pycolmap.Camera(model=model, width=int(size[0]), height=int(size[1]), params=list(params))
     check_lens(camera, where)
+    if not size_is_stated and (ratio := _other_size(camera)) and not 1 / OTHER_SIZE < ratio < OTHER_SIZE:
+        raise GtlayoutError(f"{where}: {_of_another_size(camera, ratio)}; {_MEND}")
     return camera
 
 
@@ -53,21 +67,71 @@ def check_lens(camera: pycolmap.Camera, where: str) -> None:
     focals = np.all((shares >= FOCAL_SHARES[0]) & (shares <= FOCAL_SHARES[1]))
     if not sizes or not focals or not np.all(np.abs(camera.params) <= MAX_PARAMETER):
         raise GtlayoutError(f"{where} has no valid size and focal length")
+    if len(camera.principal_point_idxs()) and not np.all(np.abs(_centre_shares(camera) - 1) <= 1):
+        raise GtlayoutError(f"{where}: {_of_another_size(camera, _other_size(camera))}; {_MEND}")
+
+
+def doubt(camera: pycolmap.Camera) -> str | None:
+    """Why a valid camera may not be that of its images, though it may be: its principal point is far off their centre.
+
+    A clause about *the principal point*; None without a doubt.
+    """
+    if not len(camera.principal_point_idxs()):
+        return None
+    ratio = _other_size(camera)
+    resized = ratio is not None and not 1 / DOUBTED_SIZE < ratio < DOUBTED_SIZE
+    if resized or np.any(np.abs(_centre_shares(camera) - 1) > 2 * MAX_OFF_CENTRE):
+        return f"{_of_another_size(camera, ratio if resized else None)}, or they were cropped"
+    return None
 
 
 def scaled(camera: pycolmap.Camera, size: tuple[int, int], where: str) -> pycolmap.Camera:
-    """A PINHOLE camera for images of another ``size`` (width, height) px and the same shape.
+    """The same lens for images of another ``size`` (width, height) px and the same shape.
 
     Raises GtlayoutError, beginning with ``where``, when the shape differs.
     """
-    x, y = size[0] / camera.width, size[1] / camera.height
-    if abs(x / y - 1) > MAX_STRETCH:
+    if not same_shape((camera.width, camera.height), size):
         raise GtlayoutError(
-            f"{where} is for images of {camera.width}x{camera.height} px, but this one is {size[0]}x{size[1]}"
+            f"{where} is for images of {camera.width}x{camera.height} px, but this one is {size[0]}x{size[1]}, "
+            "another shape: scale one to the other"
         )
-    return lens("PINHOLE", size, [float(p) for p in camera.params * (x, y, x, y)], where)
+    resized = pycolmap.Camera(
+        model=camera.model_name, width=camera.width, height=camera.height, params=[float(p) for p in camera.params]
+    )
+    resized.rescale(*size)
+    return resized
+
+
+def same_shape(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether images of two sizes (width, height), both positive, can show the same."""
+    return abs(other[0] / one[0] / (other[1] / one[1]) - 1) <= MAX_STRETCH
 
 
 def pinhole(camera: pycolmap.Camera) -> Pinhole:
     """The same camera as depth maps have it."""
     return Pinhole(np.array(camera.calibration_matrix(), dtype=np.float64), int(camera.width), int(camera.height))
+
+
+_MEND = "scale them to these images, or take the images they were calibrated on"
+
+
+def _centre_shares(camera: pycolmap.Camera) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(2,) principal point in halves of width and height: 1 is the centre, 0 and 2 the border."""
+    return 2 * camera.params[camera.principal_point_idxs()] / (camera.width, camera.height)
+
+
+def _other_size(camera: pycolmap.Camera) -> float | None:
+    """How many times as large the images would be that have the principal point in their centre; None where these would
+    have another shape.
+    """
+    x, y = _centre_shares(camera)
+    return float((x + y) / 2) if min(x, y) > 0 and abs(x / y - 1) <= SAME_SHARE else None
+
+
+def _of_another_size(camera: pycolmap.Camera, ratio: float | None) -> str:
+    x, y = camera.params[camera.principal_point_idxs()]
+    inside = 0 <= x <= camera.width and 0 <= y <= camera.height
+    place = "far off the centre of" if inside else "outside of"
+    size = f"{camera.width}x{camera.height} px"
+    of = f": the intrinsics seem to be for images of about {2 * x:.0f}x{2 * y:.0f} px" if ratio else ""
+    return f"the principal point ({x:.6g}, {y:.6g}) lies {place} images of {size}{of}"

@@ -7,32 +7,30 @@ the source's world into this one: nothing here needs the source's. The unit of d
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.lenses import finite, lens
+from gtlayout.io.cameras.lenses import finite
 from gtlayout.io.cameras.poses import OPENGL_FROM_OPENCV, cam_from_world_opengl
+from gtlayout.io.cameras.transforms_lens import read_lens, warnings_of
 from gtlayout.io.files import path_inside, read_json, write_json_atomic
+from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.pixels.images import size_of_first
-from gtlayout.io.sources import PosedImage, PosedImages, Reader, named, usable
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, json_with, named, usable
 from gtlayout.scene import FloatArray, Frame
 
 FILE_NAME = "transforms.json"
-PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
-FISHEYE = "OPENCV_FISHEYE"
 EXTENSIONS = ("", ".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")
 
 
 def read_transforms(root: Path, path: Path) -> PosedImages:
-    """Read ``transforms.json``: intrinsics global or per frame, all distortion coefficients but a perspective k4.
+    """Read ``transforms.json``: lenses of the file or of each frame, by any of the keys that ``transforms_lens`` knows.
 
-    What a frame says goes before what the file says. Rotations are made orthonormal; positions are divided by
+    Rotations are made orthonormal; positions are divided by
     ``applied_scale``, which depth maps never went through. ``file_path`` is relative to the file and may lack its
     extension. Without ``w`` and ``h`` the images are as large as the first one.
     Frames of which something is missing, not finite, not a rotation, or leads out of the scene folder are skipped, with
@@ -45,14 +43,16 @@ def read_transforms(root: Path, path: Path) -> PosedImages:
     applied_scale = finite(data.get("applied_scale", 1))
     if applied_scale is None or applied_scale <= 0:
         raise GtlayoutError(f"{path}: applied_scale must be a positive number, not {data['applied_scale']!r}")
-    found, bad_paths = usable(range(len(entries)), lambda i: (i, _image_path(entries[i], i, root, path)))
-    if not all({"w", "h"} <= {**data, **entries[i]}.keys() for i, _ in found):
-        size = size_of_first([image_path for _, image_path in found])
-        data = data if size is None else {"w": size[0], "h": size[1], **data}
+    wanted, bad_paths = usable(range(len(entries)), lambda i: (i, _image_path(entries[i], i, root, path)))
+    on_disk = FilesOnDisk().find_each([[path.with_name(path.name + e) for e in EXTENSIONS] for _, path in wanted])
+    found = [(i, there or path) for (i, path), there in zip(wanted, on_disk, strict=True)]
+    stated = all({"w", "h"} <= {**data, **entries[i]}.keys() for i, _ in found)
+    size = None if stated else size_of_first([image_path for _, image_path in found])
     images, bad_cameras = usable(
-        found, lambda each: _posed_image(entries[each[0]], each[1], data, applied_scale, root, path)
+        found, lambda each: _posed_image(entries[each[0]], each[1], data, size, applied_scale, root, path)
     )
-    return PosedImages(tuple(images), (*bad_paths, *bad_cameras))
+    doubts = warnings_of([data, *(entries[i] for i, _ in found)], str(path))
+    return PosedImages(tuple(images), (*bad_paths, *bad_cameras, *doubts))
 
 
 def write_transforms(path: Path, frames: Sequence[Frame]) -> None:
@@ -87,87 +87,45 @@ def file_path(root: Path, frame: Frame) -> str:
 
 
 def _image_path(entry: Any, index: int, root: Path, path: Path) -> Path:
-    """The image that is there, with an extension where ``file_path`` lacks one; else as ``file_path`` has it."""
+    """The image as ``file_path`` has it, which may lack an extension."""
     if not isinstance(entry, dict) or not isinstance(entry.get("file_path"), str) or not entry["file_path"]:
         raise GtlayoutError(f"{path}: frame number {index} has no file_path")
-    inside = path_inside(root, entry["file_path"], f"{path}: frame {entry['file_path']}")
-    return next((p for e in EXTENSIONS if (p := inside.with_name(inside.name + e)).is_file()), inside)
+    return path_inside(root, entry["file_path"], f"{path}: frame {entry['file_path']}")
 
 
 def _posed_image(
-    entry: dict[str, Any], image_path: Path, data: dict[str, Any], applied_scale: float, root: Path, path: Path
+    entry: dict[str, Any],
+    image_path: Path,
+    data: dict[str, Any],
+    size: tuple[int, int] | None,
+    applied_scale: float,
+    root: Path,
+    path: Path,
 ) -> PosedImage:
     where = f"{path}: frame {entry['file_path']}"
     depth = entry.get("depth_file_path")
     if depth is not None and not isinstance(depth, str):
         raise GtlayoutError(f"{where}: depth_file_path must be a string")
     images = root / "images"
-    world_from_cam = _matrix(entry.get("transform_matrix"), where)
     R_cam_from_world, t_cam_from_world = cam_from_world_opengl(
-        world_from_cam, f"{where}: the left 3x4 of transform_matrix"
+        _matrix(entry.get("transform_matrix")), f"{where}: transform_matrix"
     )
     return PosedImage(
         name=image_path.relative_to(images if image_path.is_relative_to(images) else root).as_posix(),
         image_path=image_path,
-        camera=_lens({**data, **entry}, where),
+        camera=read_lens(data, entry, size, where),
         R_cam_from_world=R_cam_from_world,
         t_cam_from_world=t_cam_from_world / applied_scale,
         depth_path=None if depth is None else path_inside(root, depth, where),
     )
 
 
-def _lens(values: dict[str, Any], where: str) -> pycolmap.Camera:
-    def number(key: str, default: float | None = None) -> float:
-        value = values.get(key, default)
-        if value is None:
-            raise GtlayoutError(f"{where}: no {key}, neither for the frame nor for the file")
-        found = finite(value)
-        if found is None:
-            raise GtlayoutError(f"{where}: {key} must be a finite number, not {value!r}")
-        return found
-
-    size = number("w"), number("h")
-    if "fl_x" not in values and "camera_angle_x" in values:
-        # instant-ngp's and Blender's: square pixels and the centre of the image, where nothing else is said.
-        fx = _focal(size[0], number("camera_angle_x"))
-        fy = _focal(size[1], number("camera_angle_y")) if "camera_angle_y" in values else fx
-        pinhole = [fx, fy, number("cx", size[0] / 2), number("cy", size[1] / 2)]
-    else:
-        pinhole = [number(key) for key in ("fl_x", "fl_y", "cx", "cy")]
-    k1, k2, k3, k4, p1, p2 = (number(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))
-    model = values.get("camera_model", "OPENCV")
-    if model == FISHEYE:
-        distortion = [k1, k2, k3, k4]
-    elif model not in PERSPECTIVE:
-        known = ", ".join((*PERSPECTIVE, FISHEYE))
-        raise GtlayoutError(f"{where}: camera_model {model!r} is not supported; known are {known}")
-    elif k4:
-        # OpenCV's k4 is a denominator's coefficient, nerfstudio's the r⁸ term of a polynomial.
-        raise GtlayoutError(f"{where}: k4 is supported for {FISHEYE} only")
-    elif k3:
-        model, distortion = "FULL_OPENCV", [k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
-    else:
-        # Whatever the model's name, coefficients that are given are meant.
-        model, distortion = "OPENCV", [k1, k2, p1, p2]
-    return lens(model, size, pinhole + distortion, where)
-
-
-def _focal(side_px: float, angle: float) -> float:
-    """px, from the angle of view in radians; 0, which no lens has, from what is no such angle."""
-    return side_px / 2 / math.tan(angle / 2) if 0 < angle < math.pi else 0.0
-
-
-def _matrix(value: Any, where: str) -> FloatArray:
-    """(3, 4) or (4, 4) ``transform_matrix``."""
+def _matrix(value: Any) -> FloatArray:
+    """``transform_matrix`` as an array; an empty one from what is no list of numbers."""
     try:
-        matrix = np.array(value, dtype=np.float64)
+        return np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        matrix = np.empty(0)
-    if matrix.shape not in ((4, 4), (3, 4)) or not np.all(np.isfinite(matrix)):
-        raise GtlayoutError(f"{where}: transform_matrix must be 4x4 (or 3x4) finite numbers")
-    if len(matrix) == 4 and tuple(matrix[3]) != (0, 0, 0, 1):
-        raise GtlayoutError(f"{where}: transform_matrix must end with the row 0 0 0 1")
-    return matrix
+        return np.empty(0)
 
 
 def _intrinsics_of(frame: Frame) -> dict[str, float]:
@@ -176,4 +134,6 @@ def _intrinsics_of(frame: Frame) -> dict[str, float]:
     return {**{key: float(value) for key, value in focal_and_center.items()}, "w": camera.width, "h": camera.height}
 
 
-READER = Reader("nerfstudio", FILE_NAME, named(FILE_NAME), read_transforms)
+READER = Reader(
+    "nerfstudio", FILE_NAME, named(FILE_NAME), read_transforms, json_with("frames", "transform_matrix", "file_path")
+)

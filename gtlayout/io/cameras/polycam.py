@@ -32,16 +32,15 @@ DEPTH = "depth"
 def read_polycam(_root: Path, path: Path) -> PosedImages:
     """Read the cameras in the keyframes folder ``path``, the corrected ones if there are any with images.
 
-    Images may have another size than their cameras say: intrinsics are scaled to them. Warnings say when nothing is
-    corrected, and count the cameras that cannot be used and were left out.
-    Raises GtlayoutError naming the file when none can be used, or the images have another shape.
+    Warnings say when nothing is corrected, and count the cameras that cannot be used and were left out.
+    Raises GtlayoutError naming the file when none can be used.
     """
     cameras_folder, images_folder = _folders(path)
     files = sorted(cameras_folder.glob("*.json"))
     images = [images_folder / f"{file.stem}.jpg" for file in files]
     depths = [path / DEPTH / f"{file.stem}.png" for file in files]
-    size, depth_size = size_of_first(images), size_of_first(depths)
-    if size is None:
+    depth_size = size_of_first(depths)
+    if size_of_first(images) is None:
         raise GtlayoutError(
             f"{path}: no image that can be read for any of {len(files)} cameras; looked for {images[0]}"
         )
@@ -49,8 +48,8 @@ def read_polycam(_root: Path, path: Path) -> PosedImages:
     def posed(number: int) -> PosedImage:
         file, image, depth = files[number], images[number], depths[number]
         data = read_json(file)
-        pose = cam_from_world_opengl(_world_from_cam(data, file), f"{file}: t_00 to t_22")
-        camera = scaled(_camera(data, path, file), size, str(file))
+        pose = cam_from_world_opengl(_world_from_cam(data, file), f"{file}: the pose (t_00 to t_23)")
+        camera = _camera(data, path, file)
         depth_camera = pinhole(scaled(camera, depth_size, f"{file}: depth")) if depth_size and depth.is_file() else None
         return PosedImage(image.name, image, camera, *pose, depth if depth_camera else None, depth_camera)
 

@@ -16,10 +16,10 @@ import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens
-from gtlayout.io.cameras.poses import nearest_rotation
+from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timed_images import find_timed_images
 from gtlayout.io.files import write_atomic
-from gtlayout.io.sources import PosedImage, PosedImages, Reader
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import FloatArray, Frame
 
 COLUMNS = 19
@@ -51,24 +51,11 @@ def read_cameras(path: Path) -> tuple[Re10kCamera, ...]:
     The first line, the video's address, is not kept. Raises GtlayoutError naming the file and the line for whatever
     is missing, not a finite number, not a rotation, or out of order.
     """
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise GtlayoutError(f"{path} is not a text file") from error
-    if not lines or ADDRESS not in lines[0]:
-        raise GtlayoutError(f"{path}, line 1 must be the address of the video")
     cameras: list[Re10kCamera] = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
-            continue
-        where = f"{path}, line {number}"
+    for where, line in _lines(path):
         cameras.append(_camera(line, where))
         if len(cameras) > 1 and cameras[-1].timestamp_us <= cameras[-2].timestamp_us:
             raise GtlayoutError(f"{where}: the timestamp is not later than the one before")
-    if not cameras:
-        raise GtlayoutError(f"{path} holds no camera")
     return tuple(cameras)
 
 
@@ -76,25 +63,33 @@ def read_re10k(root: Path, path: Path) -> PosedImages:
     """Read the cameras of ``path`` and find their images in ``images/``, in ``root``, or in a folder called like the
     file; without any, their frames in the one video file in ``root``.
 
-    An image is called as its file is, a frame of the video ``<timestamp>.jpg``. Raises GtlayoutError naming the file
-    when it is damaged, or nothing is there at the times of its cameras.
+    An image is called as its file is, a frame of the video ``<timestamp>.jpg``. Lines that are no camera, or have the
+    time of an earlier one, are skipped, with a warning. Raises GtlayoutError naming the file when no line is left, or
+    nothing is there at the times of its cameras.
     """
-    cameras = read_cameras(path)
+    of_time: dict[int, Re10kCamera] = {}
+
+    def read(line: tuple[str, str]) -> Re10kCamera:
+        camera = _camera(line[1], line[0])
+        if camera.timestamp_us in of_time:
+            raise GtlayoutError(f"{line[0]}: an earlier line has the same timestamp")
+        of_time[camera.timestamp_us] = camera
+        return camera
+
+    found_cameras, skipped = usable(_lines(path), read)
+    cameras = sorted(found_cameras, key=lambda camera: camera.timestamp_us)
     timestamps_us = [camera.timestamp_us for camera in cameras]
     folders = (root / "images", root, root / path.stem)
     found = find_timed_images(root, folders, [f"{us}.jpg" for us in timestamps_us], timestamps_us, path)
-    images = [
-        PosedImage(
-            image_path.name,
-            image_path,
-            _pinhole(camera, found.size, f"{path}: camera {camera.timestamp_us}"),
-            camera.R_cam_from_world,
-            camera.t_cam_from_world,
-            video=video_frame,
-        )
-        for camera, image_path, video_frame in zip(cameras, found.paths, found.video_frames, strict=True)
-    ]
-    return PosedImages(tuple(images), found.warnings)
+
+    def posed(number: int) -> PosedImage:
+        camera, image_path = cameras[number], found.paths[number]
+        lens_of = _pinhole(camera, found.size, f"{path}: camera {camera.timestamp_us}")
+        pose = (camera.R_cam_from_world, camera.t_cam_from_world)
+        return PosedImage(image_path.name, image_path, lens_of, *pose, video=found.video_frames[number])
+
+    images, no_lens = usable(range(len(cameras)), posed)
+    return PosedImages(tuple(images), (*skipped, *found.warnings, *no_lens))
 
 
 def write_re10k(path: Path, frames: Sequence[Frame], timestamps_us: Sequence[int], url: str) -> None:
@@ -117,6 +112,22 @@ def write_re10k(path: Path, frames: Sequence[Frame], timestamps_us: Sequence[int
     write_atomic(path, "\n".join(lines) + "\n")
 
 
+def _lines(path: Path) -> list[tuple[str, str]]:
+    """What to call each line that should be a camera, and the line. Raises GtlayoutError when there is none."""
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except OSError as error:
+        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except ValueError as error:
+        raise GtlayoutError(f"{path} is not a text file") from error
+    if not lines or ADDRESS not in lines[0]:
+        raise GtlayoutError(f"{path}, line 1 must be the address of the video")
+    found = [(f"{path}, line {number}", line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    if not found:
+        raise GtlayoutError(f"{path} holds no camera")
+    return found
+
+
 def _camera(line: str, where: str) -> Re10kCamera:
     words = line.split()
     if len(words) != COLUMNS:
@@ -131,8 +142,8 @@ def _camera(line: str, where: str) -> Re10kCamera:
     if min(fx, fy) <= 0:
         raise GtlayoutError(f"{where}: the focal lengths (columns 2 and 3) must be positive")
     cam_from_world = values[6:].reshape(3, 4)
-    rotation = nearest_rotation(cam_from_world[:, :3], f"{where}: what columns 8 to 18 hold")
-    return Re10kCamera(timestamp_us, (fx, fy), (cx, cy), rotation, cam_from_world[:, 3])
+    rotation, translation = rigid(cam_from_world, f"{where}: the pose in columns 8 to 19")
+    return Re10kCamera(timestamp_us, (fx, fy), (cx, cy), rotation, translation)
 
 
 def _pinhole(camera: Re10kCamera, size: tuple[int, int], where: str) -> pycolmap.Camera:
@@ -154,4 +165,8 @@ def _begins_with_address(path: Path) -> bool:
     return ADDRESS.encode() in line and len(line.split()) == 1
 
 
-READER = Reader("RealEstate10k", "a .txt that begins with the address of a video", _detect, read_re10k)
+def _recognise(path: Path) -> list[Path]:
+    return [path] if path.is_file() and _begins_with_address(path) else []
+
+
+READER = Reader("RealEstate10k", "a .txt that begins with the address of a video", _detect, read_re10k, _recognise)

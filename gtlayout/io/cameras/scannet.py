@@ -10,10 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.lenses import lens
-from gtlayout.io.cameras.poses import cam_from_world, nearest_rotation
+from gtlayout.io.cameras.lenses import lens, pinhole
+from gtlayout.io.cameras.poses import cam_from_world, rigid
 from gtlayout.io.files import write_all_atomic, write_atomic
 from gtlayout.io.pixels.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.pixels.images import encoded, size_of_first
@@ -27,13 +28,16 @@ POSE_SUFFIX = ".pose.txt"
 IMAGE_SUFFIXES = (".jpg", ".png")
 
 
-def read_scannet(root: Path, path: Path) -> PosedImages:
-    """Read the poses in ``path``; frames whose pose was lost (not finite) are left out, with a warning.
+def read_scannet(_root: Path, path: Path) -> PosedImages:
+    """Read the poses in ``path`` and what is beside them.
+
+    Frames whose pose was lost (not finite) are left out, with a warning.
 
     Depth maps may have another size and other intrinsics than the images, but not another pose. They are left out,
     with a warning, where ``extrinsic_color.txt`` and ``extrinsic_depth.txt`` differ.
     Raises GtlayoutError naming the file that is absent, damaged, or no camera.
     """
+    root = path.parent if path.name == "pose" else path
     read, skipped = usable(_pose_files(path), lambda file: (file, _pose(file)))
     poses = dict(read)
     found = {file: pose for file, pose in poses.items() if np.all(np.isfinite(pose))}
@@ -55,14 +59,18 @@ def read_scannet(root: Path, path: Path) -> PosedImages:
     K, depth_K, apart = _intrinsics(root, path)
     if apart and depth_size:
         warnings.append(f"{root}: depth left out, its camera has another pose than the image's (intrinsic/extrinsic_*)")
-    depth_camera = Pinhole(depth_K, *depth_size) if depth_size else None
-    params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
-    camera = lens("PINHOLE", size, params, f"{path}: the image's intrinsics")
+    camera = _lens(K, size, f"{path}: the image's intrinsics")
+    depth_camera = None
+    if depth_size and not apart:
+        try:
+            depth_camera = pinhole(_lens(depth_K, depth_size, f"{path}: the depth map's intrinsics"))
+        except GtlayoutError as error:
+            warnings.append(f"{root}: depth left out; {error}")
     images = []
     for pose, (image, depth) in zip(found.values(), files, strict=True):
         R_cam_from_world, t_cam_from_world = cam_from_world(pose[:3, :3], pose[:3, 3])
         # A path that is no file: nothing is there, and nothing else is looked for.
-        depth_path = root if apart else depth
+        depth_path = depth if depth_camera else root
         images.append(
             PosedImage(image.name, image, camera, R_cam_from_world, t_cam_from_world, depth_path, depth_camera)
         )
@@ -151,6 +159,11 @@ def _intrinsics(root: Path, path: Path) -> tuple[FloatArray, FloatArray, bool]:
     return K, depth_K, not np.allclose(color, depth, atol=1e-6)
 
 
+def _lens(K: FloatArray, size: tuple[int, int], where: str) -> pycolmap.Camera:
+    """A camera for images of ``size``; the files do not say for which they are."""
+    return lens("PINHOLE", size, [K[0, 0], K[1, 1], K[0, 2], K[1, 2]], where, size_is_stated=False)
+
+
 def _camera_matrix(file: Path, size: int) -> FloatArray:
     K = _matrix(file, (size, size))[:3, :3]
     if not np.all(np.isfinite(K)) or min(K[0, 0], K[1, 1]) <= 0 or np.any(np.abs(K[[0, 1, 2, 2], [1, 0, 0, 1]]) > 1e-6):
@@ -162,13 +175,13 @@ def _pose(file: Path) -> FloatArray:
     """(4, 4) camera-to-world, the rotation made orthonormal; not finite where it was lost."""
     pose = _matrix(file, (4, 4))
     if np.all(np.isfinite(pose)):
-        pose[:3, :3] = nearest_rotation(pose[:3, :3], f"{file}: the left 3x3")
+        pose[:3, :3], pose[:3, 3] = rigid(pose, f"{file}: the pose")
     return pose
 
 
 def _matrix(file: Path, shape: tuple[int, int]) -> FloatArray:
     try:
-        words = file.read_text(encoding="utf-8").split()
+        words = file.read_text(encoding="utf-8-sig").split()
         return np.array([float(word) for word in words]).reshape(shape)
     except OSError as error:
         raise GtlayoutError(f"cannot read {file}: {error.strerror or error}") from error

@@ -18,6 +18,8 @@ from gtlayout.scene import Frame, Scene
 
 JPEG_QUALITY = 95
 JPEG_SUFFIXES = (".jpg", ".jpeg")
+STARTS = {**dict.fromkeys(JPEG_SUFFIXES, b"\xff\xd8"), ".png": b"\x89PNG"}
+"""How such files begin."""
 
 
 def write_image(folder: Path, frame: Frame) -> Path:
@@ -32,7 +34,7 @@ def write_image(folder: Path, frame: Frame) -> Path:
         write_jpeg(path, frame)
         return path
     path = path if path.suffix.lower() == ".png" else path.with_name(f"{path.name}.png")
-    if frame.undistort is None and frame.image_path.suffix.lower() == ".png":
+    if is_copied(frame):
         _copy(frame.image_path, path)
     else:
         write_atomic(path, _encoded(frame, ".png", []))
@@ -44,7 +46,7 @@ def write_jpeg(path: Path, frame: Frame) -> None:
 
     Raises GtlayoutError when the image cannot be read or written.
     """
-    if frame.video is None and frame.undistort is None and frame.image_path.suffix.lower() in JPEG_SUFFIXES:
+    if is_copied(frame) and frame.image_path.suffix.lower() in JPEG_SUFFIXES:
         _copy(frame.image_path, path)
     else:
         write_atomic(path, _encoded(frame, ".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]))
@@ -96,6 +98,21 @@ def write_truth(out: Path, scene: Scene, written: Sequence[Frame], element_ids: 
     used = {plane for of in renamed.values() for plane in of.values()}
     planes = {name: plane for name, plane in data["planes"].items() if name in used}
     write_json_atomic(out / TRUTH_FILE, {**data, "planes": planes, "elements": renamed})
+
+
+def is_copied(frame: Frame) -> bool:
+    """Whether ``write_image`` copies the file as it is: one that is what its ending says, upright without distortion.
+
+    Phones' HEIC and the net's WebP are often called JPEG. Of a file that is not there nothing can be said.
+    """
+    start = STARTS.get(frame.image_path.suffix.lower())
+    if frame.video is not None or frame.undistort is not None or start is None:
+        return False
+    try:
+        with frame.image_path.open("rb") as file:
+            return file.read(len(start)) == start
+    except OSError:
+        return False
 
 
 def _copy(source: Path, path: Path) -> None:

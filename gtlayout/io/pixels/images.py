@@ -12,11 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.pixels.heif import SUFFIXES as HEIF_SUFFIXES
+from gtlayout.io.pixels.heif import decode_heif, is_heif
+from gtlayout.io.pixels.turn import read_header
 from gtlayout.scene import Frame, ImageArray
 
 MM_PER_UNIT = 1000.0
 SATURATED = np.iinfo(np.uint16).max
 """What some sensors write where they measured nothing."""
+FROM_BGR = {cv2.IMREAD_GRAYSCALE: cv2.COLOR_BGR2GRAY, cv2.IMREAD_COLOR_RGB: cv2.COLOR_BGR2RGB}
+TIFF = (b"II*\0", b"MM\0*")
+"""How such a file begins."""
 
 
 def read_rgb(frame: Frame) -> ImageArray:
@@ -69,7 +75,7 @@ def size_of_first(paths: Iterable[Path]) -> tuple[int, int] | None:
 
 
 def decode(path: Path, mode: int) -> npt.NDArray[Any]:
-    """The pixels of an image file, with cv2's ``mode``; rotation hints in EXIF are ignored, as COLMAP does.
+    """The pixels of an image file as they are stored, with cv2's ``mode``: its orientation tag is not applied.
 
     Raises GtlayoutError when the file is missing, empty, cut off or no image.
     """
@@ -77,6 +83,9 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
         data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
     except OSError as error:
         raise GtlayoutError(f"cannot read image {path}: {error.strerror or error}") from error
+    if is_heif(data[:12].tobytes()) or path.suffix.lower() in HEIF_SUFFIXES:
+        bgr = decode_heif(path, data.tobytes())
+        return cv2.cvtColor(bgr, FROM_BGR[mode]) if mode in FROM_BGR else bgr
     if mode != cv2.IMREAD_UNCHANGED:
         mode |= cv2.IMREAD_IGNORE_ORIENTATION
     try:
@@ -85,6 +94,9 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
         image = None
     if image is None:
         raise GtlayoutError(f"cannot read image {path}: damaged, or not an image")
+    if data[:4].tobytes() in TIFF and (header := read_header(path)):
+        # OpenCV turns these, whatever it is asked for.
+        return header.turn.inverse.image(image)
     return image
 
 

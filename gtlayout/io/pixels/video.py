@@ -20,6 +20,7 @@ from av.video.frame import VideoFrame as DecodedFrame
 from av.video.stream import VideoStream
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.pixels.turn import AS_STORED, Turn
 from gtlayout.scene import FloatArray, ImageArray, IntArray
 
 VideoPacket: TypeAlias = "Packet[VideoStream]"
@@ -46,19 +47,6 @@ class _Index:
     """(K,) frames that can be decoded without those before them, ascending; the first is 0."""
     key_dts: tuple[int | None, ...]
     """(K,) their decoding times, in the stream's unit."""
-
-
-@dataclass(frozen=True)
-class _Orientation:
-    """How stored frames become upright: the axes are swapped first, then x and y turned round."""
-
-    swaps_axes: bool = False
-    flips_x: bool = False
-    flips_y: bool = False
-
-    def upright(self, image: ImageArray) -> ImageArray:
-        turned = image.swapaxes(0, 1) if self.swaps_axes else image
-        return np.ascontiguousarray(turned[:: -1 if self.flips_y else 1, :: -1 if self.flips_x else 1])
 
 
 class Video:
@@ -90,16 +78,19 @@ class Video:
         return float(np.median(np.diff(self.times_s))) if len(self) > 1 else 0.0
 
     @property
+    def turn(self) -> Turn:
+        """From the frames as stored to the upright ones that ``frame`` gives."""
+        return self._stored[1]
+
+    @property
     def width(self) -> int:
         """Of the upright frames, px."""
-        size, orientation = self._stored
-        return size[1 if orientation.swaps_axes else 0]
+        return self.turn.size(self._stored[0])[0]
 
     @property
     def height(self) -> int:
         """Of the upright frames, px."""
-        size, orientation = self._stored
-        return size[0 if orientation.swaps_axes else 1]
+        return self.turn.size(self._stored[0])[1]
 
     def frames(self) -> Iterator[tuple[int, ImageArray]]:
         """Every frame that can be decoded, in order: its index, and (H, W, 3) uint8 BGR."""
@@ -122,7 +113,7 @@ class Video:
             bgr = frame.to_ndarray(format="bgr24")
         except (av.FFmpegError, ValueError) as error:
             raise GtlayoutError(f"cannot decode {where}: {error}") from error
-        return orientation.upright(bgr.astype(np.uint8, copy=False))
+        return orientation.image(bgr.astype(np.uint8, copy=False))
 
     @cached_property
     def _index(self) -> _Index:
@@ -139,7 +130,7 @@ class Video:
         return _index(packets, stream.time_base or Fraction(1, 1000), stream.average_rate or Fraction(30))
 
     @cached_property
-    def _stored(self) -> tuple[tuple[int, int], _Orientation]:
+    def _stored(self) -> tuple[tuple[int, int], Turn]:
         """(width, height) px as stored, and how to turn that: as the first frame that can be decoded says."""
         self._seek(0)
         self._held = next(self._decoding, None) if self._decoding else None
@@ -276,11 +267,11 @@ def _position(stamps: IntArray, pts: int | None) -> int | None:
     return index if index < len(stamps) and stamps[index] == pts else None
 
 
-def _orientation(frame: DecodedFrame) -> _Orientation:
+def _orientation(frame: DecodedFrame) -> Turn:
     matrix = cast("Mapping[str, Buffer]", frame.side_data).get("DISPLAYMATRIX")
     if matrix is None:
-        return _Orientation()
+        return AS_STORED
     # ISO 14496-12: of {a, b, u, c, d, v, x, y, w}, the pixel (p, q) is shown at (a p + c q + x, b p + d q + y).
     a, b, _, c, d = (int(value) for value in np.frombuffer(bytes(matrix), dtype=np.int32)[:5])
     swaps_axes = abs(b) > abs(a)
-    return _Orientation(swaps_axes, (c if swaps_axes else a) < 0, (b if swaps_axes else d) < 0)
+    return Turn(swaps_axes, (c if swaps_axes else a) < 0, (b if swaps_axes else d) < 0)

@@ -21,7 +21,8 @@ from gtlayout.io.cameras.re10k import write_re10k
 from gtlayout.io.cameras.scannet import write_scannet
 from gtlayout.io.files import new_folder, write_json_atomic
 from gtlayout.io.pixels.exports import the_one_size, write_depth, write_image, write_jpeg, write_truth
-from gtlayout.io.scene_folder import SCENE_FILE
+from gtlayout.io.units import SCENE_FILE
+from gtlayout.io.video_record import origin_of, write_video_record
 from gtlayout.scene import Frame, KeyFrame, Scene
 
 CameraFormat = Literal["native", "colmap", "re10k", "scannet", "cad-estate"]
@@ -36,8 +37,8 @@ AnnotationWriter = Callable[[Scene, Path], ElementIds]
 """Writes a scene's key frames, of frames that are there already, to a folder."""
 
 
-def write_scene(scene: Scene, out: Path, cameras: CameraFormat, annotations: AnnotationFormat) -> None:
-    """Write ``scene`` to the folder ``out``, new or empty: all of it or nothing.
+def write_scene(scene: Scene, out: Path, cameras: CameraFormat, annotations: AnnotationFormat) -> tuple[str, ...]:
+    """Write ``scene`` to the folder ``out``, new or empty: all of it or nothing. Returns the frames' names there.
 
     Images without distortion, depth maps where the format has them, cameras, annotations if there are any, and
     ``gt_planes.json`` if the scene has one; ``scene.json`` says the unit where the format does not. JPEG images without
@@ -52,11 +53,14 @@ def write_scene(scene: Scene, out: Path, cameras: CameraFormat, annotations: Ann
             write_json_atomic(folder / SCENE_FILE, {"metric": scene.metric})
         if scene.key_frames:
             write_truth(folder, scene, written.frames, ANNOTATION_WRITERS[annotations](written, folder))
+    return tuple(frame.name for frame in written.frames)
 
 
 def _write_nerfstudio(scene: Scene, out: Path) -> tuple[Frame, ...]:
     frames = _write_images(scene, out)
     write_transforms(out / TRANSFORMS_FILE, frames)
+    origins = {new.name: origin_of(frame) for frame, new in zip(scene.frames, frames, strict=True)}
+    write_video_record(out, {name: origin for name, origin in origins.items() if origin is not None})
     return frames
 
 

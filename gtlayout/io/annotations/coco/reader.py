@@ -21,7 +21,7 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import NO_OCCLUSION_EDGES, Notes, UnusableError, image_size, name, points
+from gtlayout.io.annotations.checked import NO_OCCLUSION_EDGES, Notes, UnusableError, because, image_size, name, points
 from gtlayout.io.annotations.coco.rle import rle_rings
 from gtlayout.io.annotations.masks import simple_rings
 from gtlayout.io.files import read_json, write_json_atomic
@@ -67,8 +67,9 @@ def read_coco(_root: Path, path: Path) -> RawAnnotations:
     )
     warnings = notes.lines(path.name)
     if not key_frames:
-        raise GtlayoutError(f"{path}: no annotation can be used" + (f" ({warnings[0]})" if warnings else ""))
-    return RawAnnotations(path, key_frames, (f"{path}: COCO has {NO_OCCLUSION_EDGES}", *warnings))
+        raise GtlayoutError(f"{path}: no annotation can be used{because(warnings or ['it has none'], path.name)}")
+    listed = tuple(image.name for image in images.values())
+    return RawAnnotations(path, key_frames, (f"{path}: COCO has {NO_OCCLUSION_EDGES}", *warnings), listed=listed)
 
 
 def write_coco(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
@@ -99,6 +100,8 @@ def _images(entries: list[Any], notes: Notes) -> dict[Any, _Image]:
         file_name = name(entry.get("file_name")) if key is not None else None
         if file_name is None:
             notes.add("image skipped: it has no id or no file_name", "images")
+        elif key in images:
+            notes.add("image skipped: another has its id", file_name)
         else:
             images[key] = _Image(file_name, image_size(entry.get("width"), entry.get("height")))
     return images

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,16 @@ from gtlayout.io.annotations.masks import mask_polygons, simple_rings
 from gtlayout.scene import FloatArray
 
 NO_POINT = "a point is not [x, y] in percent"
+
+
+HOLDS = {
+    "polygon": {"points"},
+    "vector": {"vertices"},
+    "brush": {"rle"},
+    "magicwand": {"rle"},
+    "rectangle": {"x", "y", "width", "height"},
+}
+"""Kinds of regions that are read, as ``type`` calls them without ``labels`` behind → what their value holds."""
 
 
 def region_geometry(
@@ -37,9 +48,9 @@ def region_geometry(
     return (_rectangle(value, size),), ()
 
 
-def is_drawn(value: dict[str, Any]) -> bool:
-    """Whether it holds geometry of a kind that is read: polygon, vector, brush, rectangle."""
-    return any(key in value for key in ("points", "vertices", "rle")) or {"x", "y", "width", "height"} <= set(value)
+def is_drawn(value: dict[str, Any], kinds: Collection[str]) -> bool:
+    """Whether it holds geometry of a kind that is read, and of one of ``kinds`` where there are any."""
+    return any(HOLDS[kind] <= value.keys() for kind in kinds or HOLDS)
 
 
 def is_curved(value: dict[str, Any]) -> bool:

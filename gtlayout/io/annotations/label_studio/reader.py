@@ -6,22 +6,19 @@ The fields are those of Label Studio's documentation, "Label Studio JSON format 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
-from urllib.parse import parse_qs, unquote, urlsplit
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import Notes, name
+from gtlayout.io.annotations.checked import Notes, because, name
 from gtlayout.io.annotations.label_studio.regions import shapes_by_image
 from gtlayout.io.files import read_json_list
+from gtlayout.io.image_names import path_of_address
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, Reader
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".bmp", ".gif", ".webp", ".tif", ".tiff"})
-UPLOADED = re.compile(r"(?:.*/)?upload/\d+/[0-9a-f]{8}-(.+)", re.DOTALL)
-"""``upload/<project>/<8 hex digits>-<file name>``: ``upload_name_generator`` of Label Studio."""
 MAX_URL = 4096
 
 
@@ -37,30 +34,10 @@ def read_label_studio(_root: Path, path: Path) -> RawAnnotations:
     key_frames = [frame for i, task in enumerate(tasks, 1) for frame in _key_frames(task, f"task {i}", notes)]
     lines = notes.lines(path.name)
     if not key_frames:
-        why = f" ({lines[0].removeprefix(f'{path.name}: ')})" if lines else ""
+        why = because(lines, path.name)
         raise GtlayoutError(f"{path}: no annotated image among {len(tasks)} tasks{why}")
-    return RawAnnotations(path, tuple(key_frames), tuple(lines))
-
-
-def image_name(url: str) -> str:
-    """What an image is called in a task → its path or name, as far as it tells.
-
-    ``/data/local-files/?d=images/1.jpg`` → ``images/1.jpg``; ``/data/upload/3/1a2b3c4d-1.jpg`` → ``1.jpg``;
-    ``https://host/images/1%20a.jpg?x=y`` → ``/images/1 a.jpg``; ``s3://bucket/1.jpg`` → ``/1.jpg``.
-    """
-    if not re.match(r"[a-z][a-z0-9+-]+://|/?data/", url, re.IGNORECASE):
-        return url
-    try:
-        parts = urlsplit(url)
-        local = parse_qs(parts.query, max_num_fields=100).get("d", [""])[-1]
-    except ValueError:
-        return url
-    if local and parts.path.rstrip("/").endswith("data/local-files"):
-        return local
-    # Keys of buckets are written as they are, not percent-encoded.
-    path = parts.path if parts.scheme not in ("", "http", "https") else unquote(parts.path)
-    uploaded = UPLOADED.fullmatch(path)
-    return uploaded[1] if uploaded else path
+    listed = tuple(image for task in tasks if isinstance(task, dict) for image in _images_of(task, []) or [])
+    return RawAnnotations(path, tuple(key_frames), tuple(lines), listed=listed)
 
 
 def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
@@ -71,7 +48,7 @@ def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
     results = _results(task, where, notes) if isinstance(data, dict) else _flat_results(task, where, notes)
     if results is None:
         return []
-    images = _images(data if isinstance(data, dict) else task, results)
+    images = _images_of(task, results)
     if images is None:
         notes.add("task skipped: none of its data fields, or more than one, names an image", where)
         return []
@@ -81,6 +58,9 @@ def _key_frames(task: Any, where: str, notes: Notes) -> list[RawKeyFrame]:
             frames.append(RawKeyFrame(images[item], tuple(shapes), size))
         else:
             notes.add("image skipped: its item_index is none of the task's images", images[0])
+    if not frames and not _looks_like_image(images[0]):
+        notes.add("task skipped: it is about no image", where)
+        return []
     return frames or [RawKeyFrame(images[0], (), None)]
 
 
@@ -96,15 +76,22 @@ def _results(task: Mapping[str, Any], where: str, notes: Notes) -> list[Any] | N
         and isinstance(each.get("result"), list)
         and not (each.get("was_cancelled") or each.get("skipped"))
     ]
+    for key in ("predictions", "drafts"):
+        if task.get(key):
+            notes.add(f"task has {key}, which are left out: they count when submitted as annotations", where)
+    if not done:
+        if annotations:
+            notes.add("task skipped: its annotations are cancelled or broken", where)
+        return None
+    counts = max(enumerate(done), key=_rank)[1]
     if len(done) > 1:
-        notes.add("task annotated more than once: its ground truth, else what was updated last, counts", where)
-    if done:
-        return max(enumerate(done), key=_rank)[1]["result"]
-    if task.get("predictions"):
-        notes.add("task with predictions only: they count when submitted as annotations", where)
-    elif annotations:
-        notes.add("task skipped: its annotations are cancelled or broken", where)
-    return None
+        notes.add(
+            "task annotated more than once: its ground truth, else what was updated last, counts",
+            f"{where}, where annotation {name(counts.get('id'))} does",
+        )
+    if len(done) < len(annotations):
+        notes.add("task has other annotations, which are left out: they are cancelled or broken", where)
+    return counts["result"]
 
 
 def _rank(numbered: tuple[int, Mapping[str, Any]]) -> tuple[bool, str, int]:
@@ -136,8 +123,9 @@ def _is_region(value: Any) -> bool:
     return isinstance(value, dict) and "text" not in value
 
 
-def _images(data: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None:
+def _images_of(task: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None:
     """Names of the task's images: of the field a result says it is about, else of the one that looks like images."""
+    data = task["data"] if isinstance(task.get("data"), dict) else task
     fields = {key: urls for key, value in data.items() if (urls := _urls(value))}
     declared = [
         result[key].removeprefix("$")
@@ -150,7 +138,7 @@ def _images(data: Mapping[str, Any], results: Sequence[Any]) -> list[str] | None
     if key is None:
         images = [key for key, urls in fields.items() if all(map(_looks_like_image, urls))] or list(fields)
         key = images[0] if len(images) == 1 else None
-    return None if key is None else [name(image_name(url)) or "?" for url in fields[key]]
+    return None if key is None else [name(path_of_address(url)) or "?" for url in fields[key]]
 
 
 def _urls(value: Any) -> list[str]:
@@ -159,7 +147,7 @@ def _urls(value: Any) -> list[str]:
 
 
 def _looks_like_image(url: str) -> bool:
-    return PurePosixPath(image_name(url)).suffix.lower() in IMAGE_SUFFIXES
+    return PurePosixPath(path_of_address(url)).suffix.lower() in IMAGE_SUFFIXES
 
 
 READER = Reader("Label Studio", "a JSON export", files_of_kind("label-studio"), read_label_studio)

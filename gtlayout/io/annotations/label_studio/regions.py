@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from gtlayout.io.annotations.checked import Notes, UnusableError, is_px, name
-from gtlayout.io.annotations.label_studio.geometry import is_curved, is_drawn, region_geometry
+from gtlayout.io.annotations.label_studio.geometry import HOLDS, is_curved, is_drawn, region_geometry
 from gtlayout.io.sources import RawShape
 from gtlayout.scene import FloatArray
 
 ID, ELEMENT = "id", "element"
 """Names of the per-region text fields (see ``labeling/label_studio.xml``)."""
+SAYS = frozenset({"", "choices", "textarea", "rating", "number", "taxonomy", "datetime", "pairwise"})
+"""Types of results, without ``labels`` behind, that say something of a region or an image and draw nothing."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ def shapes_by_image(
             if one and other:
                 related[one].append(other)
                 related[other].append(one)
+            else:
+                notes.add("relation skipped: it does not name two regions", where)
         else:
             grouped.setdefault(name(result.get("id")) or number, []).append(result)
             if size := _size(result):
@@ -86,11 +90,14 @@ def _region(
     labels = [label for value in values for each in value if each.endswith("labels") for label in _names(value[each])]
     # Polygons without labels of their own may have a choice for each region instead.
     labels = labels or [label for value in values for label in _names(value.get("choices"))]
-    drawn = next((value for value in values if is_drawn(value)), None)
+    kinds = _kinds(same, values)
+    if kinds and not kinds & HOLDS.keys():
+        raise UnusableError(f"it is of type {min(kinds)}, not polygon, brush, vector or rectangle")
+    drawn = next((value for value in values if is_drawn(value, sorted(kinds & HOLDS.keys()))), None)
     if drawn is None:
-        if not labels or all(result.get("type") == "choices" for result in same):
+        if not kinds and (not labels or all(result.get("type") == "choices" for result in same)):
             return None  # It is about the whole image.
-        raise UnusableError("it is no polygon, brush, vector or rectangle")
+        raise UnusableError("it lacks the geometry of a polygon, brush, vector or rectangle")
     if not labels:
         raise UnusableError("it has no label")
     item = _item(same[0])
@@ -106,6 +113,14 @@ def _region(
     parent = next(filter(None, (name(result.get("parentID")) for result in same)), None)
     labels = list(dict.fromkeys(labels))
     return _Region(tuple(labels), texts_by_tag.get(ID, own), texts_by_tag.get(ELEMENT), parent, item, polygons, lines)
+
+
+def _kinds(same: Sequence[dict[str, Any]], values: Sequence[dict[str, Any]]) -> set[str]:
+    """What was drawn, as Label Studio calls it: by ``type``, or in JSON-MIN by the key of the labels."""
+    types = [result["type"] for result in same if isinstance(result.get("type"), str)]
+    types += [key for value in values for key in value if key.endswith("labels")]
+    kinds = {each.removesuffix("labels") for each in types} - SAYS
+    return {name(kind) or "unknown" for kind in kinds}
 
 
 def _texts_by_tag(same: Sequence[dict[str, Any]]) -> dict[str, str]:

@@ -1,68 +1,103 @@
-"""COLMAP sparse models, text and binary, through pycolmap."""
+"""COLMAP sparse models: binary ones through pycolmap, text line by line."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal, get_args
 
-import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.colmap.binary import check_lengths
+from gtlayout.io.cameras.colmap.text import ModelImage, read_images
 from gtlayout.io.cameras.lenses import check_lens
-from gtlayout.io.cameras.poses import nearest_rotation
+from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.files import path_inside
-from gtlayout.io.sources import PosedImage, PosedImages, Reader
-from gtlayout.scene import FloatArray, Frame
+from gtlayout.io.image_names import FilesOnDisk
+from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
+from gtlayout.scene import Frame
 
 PARTS = ("cameras", "images", "points3D")
+Form = Literal["bin", "txt"]
 
 
 def read_colmap(root: Path, model: Path) -> PosedImages:
     """Read the model in folder ``model``; its images are looked for in ``root/images``, else in ``root``.
 
-    A folder that holds the model as text and as binary is read as binary, as COLMAP does, with a warning.
-    Raises GtlayoutError naming the folder or the image when the model is incomplete, damaged or not finite.
+    A folder that holds the model as text and as binary is read as binary, as COLMAP does, with a warning. Images whose
+    line, camera, pose or name cannot be used are skipped, with a warning.
+    Raises GtlayoutError naming the folder or the image when the model is incomplete or damaged, or nothing is left.
     """
-    images = posed_images(open_model(model), root, f"COLMAP model {model}")
+    where = f"COLMAP model {model}"
+    if _form(model) == "txt":
+        images, skipped = read_images(model)
+    else:
+        images, skipped = model_images(open_model(model), where)
     both = (model / "images.bin").exists() and (model / "images.txt").exists()
-    return PosedImages(images, (f"{model} holds text and binary: the binary model was read",) if both else ())
+    as_binary = (f"{model} holds text and binary: the binary model was read",) if both and _form(model) == "bin" else ()
+    found = posed_images(images, root, where)
+    return replace(found, warnings=(*as_binary, *skipped, *found.warnings))
 
 
 def open_model(model: Path) -> pycolmap.Reconstruction:
     """The model in folder ``model``, text or binary. Raises GtlayoutError when it is incomplete or damaged."""
-    missing = _missing_parts(model)
-    if missing:
-        raise GtlayoutError(f"COLMAP model {model} is incomplete: no {' and no '.join(missing)} as .bin or .txt")
+    form = _form(model)
     check_lengths(model)
+    opened = pycolmap.Reconstruction()
     try:
-        return pycolmap.Reconstruction(str(model))
+        (opened.read_binary if form == "bin" else opened.read_text)(str(model))
     except (ValueError, IndexError, RuntimeError, MemoryError) as error:
         raise GtlayoutError(f"COLMAP model {model} cannot be read: {' '.join(str(error).split())}") from error
+    if form == "txt":
+        for image in read_images(model)[0]:
+            opened.images[image.number].name = image.name
+    return opened
 
 
-def posed_images(model: pycolmap.Reconstruction, root: Path, where: str) -> tuple[PosedImage, ...]:
-    """The images of ``model`` that have a pose; ``root`` as for ``read_colmap``.
+def model_images(model: pycolmap.Reconstruction, where: str) -> tuple[list[ModelImage], tuple[str, ...]]:
+    """The images of ``model`` that have a pose, and a warning that counts those whose pose cannot be read.
 
-    Raises GtlayoutError, beginning with ``where``, when there is none or one is not what it should be.
+    Raises GtlayoutError, beginning with ``where``, when none is left.
     """
+
+    # Copies: pycolmap's own go with the model.
+    cameras = {number: copy(camera) for number, camera in model.cameras.items()}
+
+    def read(number: int) -> ModelImage:
+        image = model.images[number]
+        try:
+            return ModelImage(number, image.name, cameras[image.camera_id], image.cam_from_world().matrix())
+        except (ValueError, LookupError, RuntimeError) as error:
+            raise GtlayoutError(f"{where}: image {number} cannot be read: {' '.join(str(error).split())}") from error
+
     try:
-        posed = [image for image in model.images.values() if image.has_pose]
-        names = [image.name for image in posed]
-        poses = [image.cam_from_world().matrix() for image in posed]
+        posed = sorted(number for number, image in model.images.items() if image.has_pose)
     except (ValueError, IndexError, RuntimeError) as error:
         raise GtlayoutError(f"{where} cannot be read: {' '.join(str(error).split())}") from error
     if not posed:
         raise GtlayoutError(f"{where} holds no image with a pose")
-    for camera in model.cameras.values():
-        check_lens(camera, f"{where}: camera {camera.camera_id}")
-    folder = _image_folder(root, [path_inside(root, name, where) for name in names])
-    return tuple(
-        PosedImage(name, path_inside(folder, name, where), image.camera, *_rotation_translation(pose, where, name))
-        for image, name, pose in zip(posed, names, poses, strict=True)
-    )
+    return usable(posed, read)
+
+
+def posed_images(images: Sequence[ModelImage], root: Path, where: str) -> PosedImages:
+    """Images of a model with the files they belong to; ``root`` as for ``read_colmap``.
+
+    Raises GtlayoutError, beginning with ``where``, when none is what it should be.
+    """
+    folder = _image_folder(root, [image.name for image in images])
+
+    def posed(image: ModelImage) -> PosedImage:
+        file = path_inside(folder, image.name, where)
+        check_lens(image.camera, f"{where}: camera {image.camera.camera_id}")
+        pose = rigid(image.cam_from_world, f"{where}: the pose of {image.name}")
+        return PosedImage(file.relative_to(folder).as_posix(), file, image.camera, *pose)
+
+    found, skipped = usable(images, posed)
+    return PosedImages(tuple(found), skipped)
 
 
 def write_colmap(model: Path, frames: Sequence[Frame], *, binary: bool = False) -> None:
@@ -106,24 +141,49 @@ def find_models(root: Path) -> list[Path]:
 
 def _missing_parts(model: Path) -> list[str]:
     """The parts that are there neither in the one form nor in the other, for the more complete form."""
-    by_form = [[part for part in PARTS if not (model / f"{part}.{form}").is_file()] for form in ("bin", "txt")]
-    return min(by_form, key=len)
+    return min((_missing(model, "bin"), _missing(model, "txt")), key=len)
 
 
-def _image_folder(root: Path, in_root: list[Path]) -> Path:
+def _form(model: Path) -> Form:
+    """In which form to read a model. Raises GtlayoutError when it is complete in neither."""
+    for form in get_args(Form):
+        if not _missing(model, form):
+            return form
+    missing = " and no ".join(_missing_parts(model))
+    raise GtlayoutError(f"COLMAP model {model} is incomplete: no {missing} as .bin or .txt")
+
+
+def _missing(model: Path, form: Form) -> list[str]:
+    return [part for part in PARTS if not (model / f"{part}.{form}").is_file()]
+
+
+def _image_folder(root: Path, names: Sequence[str]) -> Path:
     """``images/`` in the scene folder or the scene folder itself, whichever holds an image."""
-    images = root / "images"
-    if any((images / path.relative_to(root)).is_file() for path in in_root):
-        return images
-    return root if any(path.is_file() for path in in_root) else images
+    images, files = root / "images", FilesOnDisk()
+    return next((folder for folder in (images, root) if any(_is_in(folder, name, files) for name in names)), images)
 
 
-def _rotation_translation(cam_from_world: FloatArray, where: str, name: str) -> tuple[FloatArray, FloatArray]:
-    if not np.all(np.isfinite(cam_from_world)):
-        raise GtlayoutError(f"{where}: the pose of {name} is not finite")
-    # Text quaternions are normalised by pycolmap, binary ones are taken as they are.
-    rotation = nearest_rotation(cam_from_world[:, :3], f"{where}: the pose of {name}")
-    return rotation, np.ascontiguousarray(cam_from_world[:, 3])
+def _is_in(folder: Path, name: str, files: FilesOnDisk) -> bool:
+    try:
+        return files.find(path_inside(folder, name, name)) is not None
+    except GtlayoutError:
+        return False
 
 
-READER = Reader("COLMAP", "sparse/0, sparse/ or the folder itself with cameras.bin/.txt", find_models, read_colmap)
+def _recognise(path: Path) -> list[Path]:
+    """The folder of a model that was named, by itself, by one of its files, or by the folder above several."""
+    if not path.is_dir():
+        names = {f"{part}.{form}" for part in PARTS for form in get_args(Form)}
+        return [path.parent] if path.is_file() and path.name in names else []
+    folders = [path, *(p for p in sorted(path.iterdir()) if p.is_dir())]
+    return [folder for folder in folders if len(_missing_parts(folder)) < len(PARTS)]
+
+
+READER = Reader(
+    "COLMAP",
+    "sparse/0, sparse/ or the folder itself with cameras.bin/.txt",
+    find_models,
+    read_colmap,
+    _recognise,
+    in_parts=True,
+)
