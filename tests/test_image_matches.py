@@ -91,7 +91,7 @@ def test_a_pair_that_opencv_fails_on_costs_only_itself(monkeypatch: pytest.Monke
         raise cv2.error("(-215:Assertion failed) !model.empty() in function 'setModelParameters'")
 
     rng = np.random.default_rng(0)
-    a = Features(rng.uniform(0, 300, (60, 2)), np.eye(60, dtype=np.float32), 0.3)
+    a = _Image.of(Features(rng.uniform(0, 300, (60, 2)), np.eye(60, dtype=np.float32), 0.3))
     assert len(_matched(a, a, CONFIG)[0]) == 60
     monkeypatch.setattr(cv2, "findFundamentalMat", fails)
     assert len(_matched(a, a, CONFIG)[0]) == 0

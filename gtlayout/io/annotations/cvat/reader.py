@@ -142,9 +142,7 @@ def _tracks(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
             frame = whole_number(node.get("frame"))
             if frame is None:
                 notes.add("shape of a track skipped: its frame number is broken", where)
-            elif node.get("outside") == "1":
-                notes.add("shape of a track left out where it is marked as outside", f"{where}, {_frame_name(frame)}")
-            else:
+            elif node.get("outside") != "1":  # With an outside shape CVAT ends a track: there is nothing in this frame.
                 there[track.get("task_id", ""), frame].append((track, node))
                 if node.get("keyframe") == "1":
                     drawn.add((track.get("task_id", ""), frame))
