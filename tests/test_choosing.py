@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import unicodedata
+import zipfile
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -232,6 +233,14 @@ def test_two_annotation_files(tiny: Path) -> None:
     ):
         load_scene(tiny)
     assert [len(load_scene(tiny, Path(name)).key_frames) for name in ("annotations.json", "second.json")] == [2, 1]
+
+
+def test_cameras_in_a_zip_are_refused_by_name(tiny: Path) -> None:
+    with zipfile.ZipFile(tiny / "model.zip", "w") as archive:
+        archive.writestr("cameras.txt", "")
+    for name in ("model.zip", "model.zip/cameras.txt"):
+        with pytest.raises(GtlayoutError, match=rf"no cameras in .*{name}; looked for "):
+            load_scene(tiny, cameras=Path(name))
 
 
 @pytest.mark.parametrize("annotated", [True, False])

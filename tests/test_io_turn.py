@@ -196,9 +196,45 @@ def test_cameras_of_another_size_are_scaled_to_the_image_they_are_of(
     assert sum(says in line for line in after.warnings) == 1
     _assert_same_scene(before, after)
     # Another shape than either is of neither.
+    edit_json(tiny / "transforms.json", lambda d: d["frames"][2].update(w=150, h=150, cx=75, cy=75))
+    (line,) = [line for line in load_scene(tiny).warnings if "have an orientation tag (EXIF): " in line]
+    assert line.startswith("4 images")
     edit_json(tiny / "transforms.json", lambda d: d.update(w=150, h=150, cx=75, cy=75))
     with pytest.raises(GtlayoutError, match="is for images of 150x150 px"):
         load_scene(tiny)
+
+
+@pytest.mark.parametrize("stored", [(200, 201), (201, 200)])
+def test_nearly_square_images_are_told_apart_by_their_longer_side(
+    tiny: Path, edit_json: Edit, stored: tuple[int, int]
+) -> None:
+    for path in sorted((tiny / "images").iterdir()):
+        Image.open(path).resize(stored).save(path)
+    tag_all(tiny, 6)
+    edit_json(tiny / "annotations.json", lambda d: d.update(image_size=None))
+    for width, height, says in (
+        (*stored, "stored"),
+        (*stored[::-1], "shown"),
+        (2 * stored[0], 2 * stored[1], "stored"),
+        (2 * stored[1], 2 * stored[0], "shown"),
+        (400, 400, "stored"),
+    ):
+        edit_json(tiny / "transforms.json", lambda d, w=width, h=height: d.update(w=w, h=h, cx=w / 2, cy=h / 2))  # type: ignore[misc]
+        (line,) = [line for line in load_scene(tiny).warnings if "have an orientation tag (EXIF): " in line]
+        assert ("as shown, by their size" if says == "shown" else "pixels as stored") in line
+
+
+def test_one_camera_of_images_with_a_tag_and_without(tiny: Path, edit_json: Edit) -> None:
+    """A phone's images, and among them one that a program has turned upright."""
+    shown = shown_rgb(tiny / "images/002.png")
+    tag_all(tiny, 6)
+    Image.fromarray(TURNS[5].image(shown)).save(tiny / "images/002.png")
+    edit_json(tiny / "transforms.json", lambda d: d.update(w=96, h=128, cx=48, cy=64))
+    edit_json(tiny / "annotations.json", lambda d: d.update(image_size=None))
+    scene = load_scene(tiny)
+    assert [(frame.camera.width, frame.camera.height) for frame in scene.frames] == [(48, 64)] * 5
+    assert np.array_equal(read_rgb(scene.frames[2]), TURNS[5].image(shown))
+    assert read_rgb(scene.frames[0]).shape == (64, 48, 3)
 
 
 def test_depth_maps_turn_with_their_image(tiny: Path) -> None:

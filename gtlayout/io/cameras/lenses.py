@@ -90,7 +90,8 @@ def scaled(camera: pycolmap.Camera, size: tuple[int, int], where: str) -> pycolm
 
     Raises GtlayoutError, beginning with ``where``, when the shape differs.
     """
-    if not same_shape((camera.width, camera.height), size):
+    x, y = size[0] / camera.width, size[1] / camera.height
+    if abs(x / y - 1) > MAX_STRETCH:
         raise GtlayoutError(
             f"{where} is for images of {camera.width}x{camera.height} px, but this one is {size[0]}x{size[1]}, "
             "another shape: scale one to the other"
@@ -100,11 +101,6 @@ def scaled(camera: pycolmap.Camera, size: tuple[int, int], where: str) -> pycolm
     )
     resized.rescale(*size)
     return resized
-
-
-def same_shape(one: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether images of two sizes (width, height), both positive, can show the same."""
-    return abs(other[0] / one[0] / (other[1] / one[1]) - 1) <= MAX_STRETCH
 
 
 def pinhole(camera: pycolmap.Camera) -> Pinhole:

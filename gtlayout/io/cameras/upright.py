@@ -10,7 +10,6 @@ from typing import Any
 import numpy.typing as npt
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.cameras.lenses import same_shape
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.pixels.turn import AS_STORED, Header, Turn, read_header
 from gtlayout.io.sources import PosedImage
@@ -94,14 +93,12 @@ def header_with_tag(image: PosedImage) -> Header | None:
 def is_of_shown(image: PosedImage, header: Header | None) -> bool:
     """Whether the size of the image's camera says that it is of the image as shown, and not as stored.
 
-    Where it is neither's size its shape says it: cameras may be for images of another size.
+    It is when the one is upright and the other on its side: the camera may be for images of another size.
     """
-    if header is None:
+    if header is None or not header.turn.swaps_axes:
         return False
-    size = (image.camera.width, image.camera.height)
-    if size in (header.size, header.shown_size):
-        return size != header.size
-    return same_shape(size, header.shown_size) and not same_shape(size, header.size)
+    width, height = header.size
+    return (image.camera.width - image.camera.height) * (width - height) < 0
 
 
 def size_seen(image: PosedImage, header: Header) -> tuple[int, int]:
