@@ -55,7 +55,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
     solution, uncertainty = optimise(cameras, tracks, evidence, start, config)
     warnings = []
     if lost := led_astray(evidence, start, solution.planes, config):
-        solution, uncertainty = keep_start(tracks, evidence, start, config)
+        solution, uncertainty = keep_start(tracks, evidence, start, solution.planes, lost, config)
         astray = ", ".join(instances[s].name for s in lost)
         warnings.append(f"the solve led away from what tracks and edges say ({astray}): its start is kept")
     world, jacobian = local.planes_to_world(solution.planes)
@@ -129,9 +129,18 @@ def _moved(views: Views, before: FloatArray, after: FloatArray) -> float:
 
 
 def keep_start(
-    tracks: Tracks, evidence: Evidence, start: FloatArray, config: EstimationConfig
+    tracks: Tracks,
+    evidence: Evidence,
+    start: FloatArray,
+    solved: FloatArray,
+    astray: Sequence[int],
+    config: EstimationConfig,
 ) -> tuple[Optimum, Uncertainty]:
-    """The result of ``optimise`` for planes that stay at (S, 4) ``start``, with landmarks where rays meet planes."""
+    """The result of ``optimise`` for planes that stay at (S, 4) ``start``, with landmarks where rays meet planes.
+
+    Where the (S, 4) ``solved`` planes went ``astray``, one of the two is wrong, and nothing tells which: their
+    difference is one more error of the plane.
+    """
     planes = _facing(evidence, start)
     robust, _ = track_weights(evidence, planes, config)
     index = np.nonzero(robust > 0)[0]
@@ -139,9 +148,13 @@ def keep_start(
     landmarks = np.full((len(tracks), 3), np.nan)
     landmarks[index[depth > 0]] = points[depth > 0]
     cost = cost_of(evidence, planes, config).total
-    return Optimum(planes, landmarks, {}, robust, (cost,), (planes,)), plane_uncertainty(
-        tracks, evidence, planes, config
-    )
+    uncertainty = plane_uncertainty(tracks, evidence, planes, config)
+    covariance = uncertainty.covariance.copy()
+    for s in astray:
+        own, difference = slice(4 * s, 4 * s + 4), _facing(evidence, solved)[s] - planes[s]
+        covariance[own, own] += np.outer(difference, difference)
+    optimum = Optimum(planes, landmarks, {}, robust, (cost,), (planes,))
+    return optimum, replace(uncertainty, covariance=covariance)
 
 
 def _facing(evidence: Evidence, planes: FloatArray) -> FloatArray:
