@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from shapely import MultiPolygon
 from synth_views import camera_at
 
-from gtlayout.check import suspicions
+from gtlayout.check import contents, suspicions
 from gtlayout.check.annotations import annotation_suspicions
 from gtlayout.check.cameras import AS_GIVEN, OTHERWISE, camera_suspicions, share_explained
 from gtlayout.check.images import Matches, look_through
@@ -29,6 +29,7 @@ from gtlayout.check.scale import scale_suspicions
 from gtlayout.check.shared_errors import shared_error_suspicions
 from gtlayout.check.two_views import triangulate_pair
 from gtlayout.cli.app import main
+from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import Camera, FloatArray, KeyFrame, Scene
 
@@ -412,3 +413,12 @@ def test_unusable_room_exits_with_1(folder: Path, capfd: pytest.CaptureFixture[s
     assert printed.err.startswith(f"gtlayout: {folder / 'transforms.json'}")
     assert printed.err.count("\n") == 1
     assert listing(folder) == before
+
+
+def test_lenses_that_images_are_undistorted_from_are_named(tiny: Path) -> None:
+    scene = load_scene(tiny)
+    assert "undistorted" not in contents(scene)
+    camera = scene.frames[0].camera
+    lens = Undistortion("OPENCV_FISHEYE", camera.width, camera.height, (80.0, 80.0, 50.0, 40.0, 0.01, 0.0, 0.0, 0.0))
+    frames = tuple(replace(frame, undistort=lens) for frame in scene.frames)
+    assert contents(replace(scene, frames=frames)).endswith(", undistorted from OPENCV_FISHEYE")

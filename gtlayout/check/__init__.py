@@ -10,14 +10,18 @@ from gtlayout.check.images import look_through
 from gtlayout.check.motion import motion_suspicions
 from gtlayout.check.scale import scale_suspicions
 from gtlayout.check.shared_errors import shared_error_suspicions
-from gtlayout.scene import Scene
+from gtlayout.io.cameras.undistort import Undistortion
+from gtlayout.io.cameras.upright import Upright
+from gtlayout.scene import Frame, Scene
 
 
 def contents(scene: Scene) -> str:
     """The content of the scene, in numbers."""
     elements = sum(len(key_frame.elements) for key_frame in scene.key_frames)
     unit = "metric" if scene.metric else "without a unit"
-    return f"{len(scene.frames)} frames, {len(scene.key_frames)} key frames, {elements} elements, {unit}"
+    lenses = sorted({lens.model for frame in scene.frames for lens in _lenses(frame)})
+    undistorted = f", undistorted from {' and '.join(lenses)}" if lenses else ""
+    return f"{len(scene.frames)} frames, {len(scene.key_frames)} key frames, {elements} elements, {unit}{undistorted}"
 
 
 def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done, _total: None) -> list[str]:
@@ -35,3 +39,10 @@ def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done
         # The same again, in smaller figures, where cameras fit better when they are read in another way.
         lines += [] if otherwise else shared_error_suspicions(scene, seen.matches)
     return lines
+
+
+def _lenses(frame: Frame) -> tuple[Undistortion, ...]:
+    """The lenses that its pixels were taken out of, one after another."""
+    if isinstance(frame.undistort, Upright):
+        return frame.undistort.lenses
+    return (frame.undistort,) if isinstance(frame.undistort, Undistortion) else ()
