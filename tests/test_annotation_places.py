@@ -305,6 +305,19 @@ def test_damaged_zips(bare: Path, at: int) -> None:
         assert len(str(caught.value).splitlines()) == 1
 
 
+@pytest.mark.parametrize("compression", [zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_damage_within_a_file_of_a_zip_is_said_whatever_its_compression(tmp_path: Path, compression: int) -> None:
+    archive = tmp_path / "export.zip"
+    with zipfile.ZipFile(archive, "w", compression) as content:
+        content.writestr("annotations.xml", CVAT * 20)
+    assert read_bytes(archive / "annotations.xml") == (CVAT * 20).encode()
+    damaged = bytearray(archive.read_bytes())
+    damaged[70:100] = b"\xff" * 30
+    archive.write_bytes(damaged)
+    with pytest.raises(GtlayoutError, match=r"cannot read .*export\.zip"):
+        read_bytes(archive / "annotations.xml")
+
+
 def test_a_locked_zip(bare: Path) -> None:
     archive = _zip(bare / "export.zip", annotations_xml=CVAT)
     content = bytearray(archive.read_bytes())

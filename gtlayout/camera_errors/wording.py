@@ -10,7 +10,7 @@ from gtlayout.camera_errors.findings import CameraDoubt, Finding
 from gtlayout.figures import with_sigma
 from gtlayout.scene import Scene
 
-_UNSEEN = "points followed through the video do not prove it"
+_UNSEEN = "points that it was not found with do not prove it"
 
 
 def camera_error_lines(scene: Scene, doubt: CameraDoubt) -> tuple[str, ...]:

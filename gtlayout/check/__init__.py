@@ -27,9 +27,9 @@ def contents(scene: Scene) -> str:
 def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done, _total: None) -> list[str]:
     """All that is suspicious about ``scene``, a line each: what, in which file, frame or element, and what to do.
 
-    First the readers' warnings, then images, annotations, cameras, scale and motion. Every image is decoded once;
-    ``progress`` is called with (frames done, frames in all). Checks that depend on the cameras' poses are left out when
-    these do not fit the images.
+    First the readers' warnings, then images, annotations, cameras, scale and motion. Every image is decoded once, and
+    some twenty once more for their features; ``progress`` is called with (frames done, frames in all). Checks that
+    depend on the cameras' poses are left out when these do not fit the images.
     """
     seen = look_through(scene, progress)
     otherwise = camera_suspicions(scene, seen.matches)

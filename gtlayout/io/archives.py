@@ -6,6 +6,7 @@ nothing about where anything is written, for nothing is.
 
 from __future__ import annotations
 
+import lzma
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -17,8 +18,9 @@ from gtlayout.errors import GtlayoutError
 
 MAX_BYTES = 1 << 28
 """Of a file in a zip: 256 MiB, more than any drawing takes; a zip of a few kilobytes can claim any size."""
-UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError)
-"""What the library raises for damage, an unknown compression, a password, a damaged name."""
+UNREADABLE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)
+"""What the library raises for damage (the first four), a password or a compression it does not know (RuntimeError), and
+a damaged name (ValueError). Whoever names such a zip reads which one it is, and why it cannot be read."""
 MAX_NAME = 1000
 """Signs; a longer one is no name."""
 
