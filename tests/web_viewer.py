@@ -29,7 +29,9 @@ def free_ports() -> int:
 @contextmanager
 def web_viewer(log: Path, port: int, end: signal.Signals = signal.SIGINT) -> Iterator[str]:
     """The address that it prints, while it runs; ``end`` stops it with status 0."""
-    call = "import sys; from gtlayout.cli.app import main; sys.exit(main())"
+    # SIGINT is as in a terminal, also where the tests are started from a shell that ignores it.
+    call = "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    call += "from gtlayout.cli.app import main; sys.exit(main())"
     command = [sys.executable, "-c", call, "view", str(log.parent), "--layout", str(log.parent), "--web"]
     with subprocess.Popen([*command, "--port", str(port)], stdout=subprocess.PIPE, text=True) as running:
         assert running.stdout is not None
@@ -37,4 +39,7 @@ def web_viewer(log: Path, port: int, end: signal.Signals = signal.SIGINT) -> Ite
             yield running.stdout.readline().strip()
         finally:
             running.send_signal(end)
-            assert running.wait(timeout=10) == 0
+            try:
+                assert running.wait(timeout=10) == 0
+            finally:
+                running.kill()  # one that does not stop would be waited for without end
