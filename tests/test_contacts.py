@@ -11,6 +11,7 @@ import pytest
 from gtlayout.edges import ContactEdge
 from gtlayout.planes import contacts
 from gtlayout.planes.config import EstimationConfig
+from gtlayout.planes.contact_offsets import contact_misfits_px
 from gtlayout.planes.contacts import _disagreeing, start_without_wrong_contacts
 from gtlayout.planes.evidence import Evidence, gather
 from gtlayout.scene import FloatArray
@@ -133,12 +134,6 @@ def test_a_contact_is_only_kept_blindly_where_it_is_all_there_is(room: Room, hos
     assert pairs(kept) == pairs(evidence)
 
 
-def beside(edge: ContactEdge, shift_px: float) -> ContactEdge:
-    """The edge, drawn that far beside its place."""
-    along = edge.points_px[-1] - edge.points_px[0]
-    return replace(edge, points_px=edge.points_px + shift_px * np.array([-along[1], along[0]]) / np.linalg.norm(along))
-
-
 def test_a_contact_comes_back_once_it_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first start has a wall 1 m off, so that all its contacts go. In the next, its edge with the floor is 3 px off
     and comes back; that with the ceiling is 8 px off: not wrong by itself, but not good enough to be taken back.
@@ -146,7 +141,7 @@ def test_a_contact_comes_back_once_it_fits(monkeypatch: pytest.MonkeyPatch) -> N
     room = make_room(orbit(), [2, 6, 10, 14, 18])
     floor, ceiling, wall = named(room, "floor_0", "ceiling_1", "wall_5")
     off_px = {frozenset({floor, wall}): 3.0, frozenset({ceiling, wall}): 8.0}
-    edges = [beside(edge, off_px.get(frozenset(edge.instances), 0.0)) for edge in true_edges(room)]
+    edges = [shifted(edge, off_px.get(frozenset(edge.instances), 0.0)) for edge in true_edges(room)]
     measured = measurements(room, make_tracks(room, np.random.default_rng(0)), edges)
     local = Normalisation.of(measured.rays)
     evidence = gather(measured, local, CONFIG)
@@ -174,7 +169,7 @@ def test_nothing_is_said_of_pairs_without_a_plane(room: Room) -> None:
     for nowhere in (0, 2):
         some = planes.copy()
         some[nowhere] = np.nan
-        pairs = contacts._misfits_px(evidence, some, CONFIG)
+        pairs = contact_misfits_px(evidence, some, CONFIG)
         assert pairs
         assert not any(nowhere in pair for pair in pairs)
         assert max(pairs.values()) < 1e-6

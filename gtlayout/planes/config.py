@@ -124,6 +124,23 @@ class EstimationConfig:
     contact_searches: int = 4
     """Most rounds of removing wrong contacts, with ``starts`` searches each. Without the wrong ones others may prove
     right."""
+    min_agreeing_share: float = 0.8
+    """An instance is called well tracked when this share of its tracks lies on one plane. Of mirror images it is about
+    half; where wrong contacts outvoted tracks, .87 and .97."""
+    agreeing_track: float = 2.0
+    """A track lies on a plane that it is not further from than this, in σ."""
+    wrong_contact_price: float = 8.0
+    """What it costs to call the contact of two instances wrong, as a negative log-likelihood: an occlusion edge is
+    forgotten in one of ten places, and the line may then be anywhere."""
+    usual_edge_cost: float = 2.5
+    """What each key frame adds to that: the cost of an edge with the usual errors."""
+    doubted_share: float = 0.5
+    """A contact that costs more than this share of its price is tried without."""
+    min_gain_without: float = 3.0
+    """By how much the cost must fall, or the drawing is believed. Right contacts of the real clips reach 1, wrong ones
+    6 and more."""
+    judged_track_weight: float = 20.0
+    """As ``max_track_weight``, where a well tracked plane is weighed against contacts that do not fit it."""
     sigma_perpendicularity: float = 0.02
     """σ of the deviation from a right angle, radians. How many times as large it is in a scene, its planes show."""
     right_angle_cauchy: float = 1.5

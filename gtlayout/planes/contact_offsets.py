@@ -10,6 +10,9 @@ from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.structural_factors import met
 from gtlayout.scene import FloatArray
 
+Pair = tuple[int, int]
+"""Two instances that touch, the smaller number first."""
+
 _ROUNDS = 4
 """Gauss-Newton iterations with robust weights. Offsets are small, so the problem is nearly linear."""
 
@@ -35,6 +38,19 @@ def contact_offsets(evidence: Evidence, planes: FloatArray, config: EstimationCo
         np.add.at(gradient, contact, np.einsum("gij,gi->gj", weighted, target))
         offsets = np.asarray(np.linalg.solve(information, gradient[:, :, None])[:, :, 0], np.float64)
     return offsets
+
+
+def contact_misfits_px(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> dict[Pair, float]:
+    """Of each pair whose planes are known the root mean square distance of its edge from their line, moved by their
+    offset, as of an image of 640x480: the median over the key frames.
+    """
+    offsets = dict(zip(evidence.contacts, contact_offsets(evidence, planes, config), strict=True))
+    found: dict[Pair, list[float]] = {}
+    for group in evidence.edges:
+        if np.isfinite(planes[list(group.instances), 0]).all():
+            distance_px = group.annotation_px(group.misfits_px(planes, offsets[group.instances]))
+            found.setdefault(group.instances, []).append(float(np.sqrt(np.mean(distance_px**2))))
+    return {pair: float(np.median(distances)) for pair, distances in found.items()}
 
 
 def shifts_and_tilts_px(

@@ -7,17 +7,14 @@ that all other evidence supports. So the pair of instances that fits worst is re
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from gtlayout.planes.config import EstimationConfig
-from gtlayout.planes.contact_offsets import contact_offsets
+from gtlayout.planes.contact_offsets import Pair, contact_misfits_px
 from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.outvoted import without_outvoting
 from gtlayout.planes.starts import best_start, polish
 from gtlayout.scene import FloatArray
-
-Pair = tuple[int, int]
 
 
 def start_without_wrong_contacts(
@@ -27,26 +24,28 @@ def start_without_wrong_contacts(
     dropped: frozenset[Pair] = frozenset()
     tried = set()
     while True:
-        kept = _without(evidence, dropped)
-        planes = best_start(kept, config, seed)
+        planes = best_start(evidence.without(dropped), config, seed)
         tried.add(dropped)
-        fit = _misfits_px(evidence, planes, config)
-        dropped = frozenset(
+        fit = contact_misfits_px(evidence, planes, config)
+        wrong = frozenset(
             pair for pair in dropped if fit.get(pair, np.inf) > config.readmitted_share * config.max_contact_px
         )
-        dropped |= _disagreeing(_without(evidence, dropped), planes, config)
-        if dropped in tried or len(tried) == config.contact_searches:
-            return kept, planes
+        wrong |= _disagreeing(evidence.without(wrong), planes, config)
+        if wrong in tried or len(tried) == config.contact_searches:
+            return without_outvoting(evidence, dropped, planes, config, seed)
+        dropped = wrong
 
 
 def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> frozenset[Pair]:
     """The worst pair, then the worst of the others without it, and so on until all fit."""
     dropped: frozenset[Pair] = frozenset()
     while True:
-        kept = _without(evidence, dropped)
+        kept = evidence.without(dropped)
         planes = polish(kept, planes, config)
         fit = {
-            pair: misfit for pair, misfit in _misfits_px(kept, planes, config).items() if not _all_there_is(kept, pair)
+            pair: misfit
+            for pair, misfit in contact_misfits_px(kept, planes, config).items()
+            if not _all_there_is(kept, pair)
         }
         worst = max(fit, key=lambda pair: fit[pair], default=None)
         if worst is None or fit[worst] <= config.max_contact_px:
@@ -66,20 +65,3 @@ def _all_there_is(evidence: Evidence, pair: Pair) -> bool:
         and s not in evidence.host
         for s in pair
     )
-
-
-def _without(evidence: Evidence, dropped: frozenset[Pair]) -> Evidence:
-    return replace(evidence, edges=tuple(group for group in evidence.edges if group.instances not in dropped))
-
-
-def _misfits_px(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> dict[Pair, float]:
-    """Of each pair whose planes are known the root mean square distance of its edge from their line, moved by their
-    offset, as of an image of 640x480: the median over the key frames.
-    """
-    offsets = dict(zip(evidence.contacts, contact_offsets(evidence, planes, config), strict=True))
-    found: dict[Pair, list[float]] = {}
-    for group in evidence.edges:
-        if np.isfinite(planes[list(group.instances), 0]).all():
-            distance_px = group.annotation_px(group.misfits_px(planes, offsets[group.instances]))
-            found.setdefault(group.instances, []).append(float(np.sqrt(np.mean(distance_px**2))))
-    return {pair: float(np.median(distances)) for pair, distances in found.items()}

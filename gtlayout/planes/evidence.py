@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -67,6 +67,10 @@ class Evidence:
             a, b = group.instances
             pairs[a, b] = pairs[b, a] = True
         return pairs
+
+    def without(self, pairs: Collection[tuple[int, int]]) -> Evidence:
+        """The same without the contact edges of these pairs of instances, the smaller number first."""
+        return replace(self, edges=tuple(group for group in self.edges if group.instances not in pairs))
 
     def on_planes(self, index: IntArray, planes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(n, 3) points where the tracks' rays meet planes, (4,) for all or (n, 4) one each, and (n,) depths there."""

@@ -31,22 +31,18 @@ class Cost:
     """(S,) sum of the terms of an instance; terms of two instances count for both. NaN without a plane."""
 
 
-def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Cost:
+def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig, prices: FloatArray | None = None) -> Cost:
     """The cost of (S, 4) ``planes``, NaN = not placed.
 
-    Priors do not count, because each start has its own.
+    Priors do not count, because each start has its own. With (S, S) ``prices`` no contact costs more than its price.
     """
     placed = np.isfinite(planes[:, 0])
     own = np.zeros(len(planes))
-    pairs = np.zeros((len(planes), len(planes)))
+    pairs = contact_costs(evidence, planes, config)
+    if prices is not None:
+        pairs = np.minimum(pairs, prices)
     for s in np.nonzero(placed)[0].tolist():
-        own[s] = _of_tracks(evidence, s, planes[s], config) + _of_absurd_depths(evidence, s, planes[s], config)
-    offsets = dict(zip(evidence.contacts, contact_offsets(evidence, planes, config), strict=True))
-    for pair, offset in offsets.items():
-        pairs[pair] += 0.5 * offset @ offset / config.sigma_contact_offset**2
-    for group in evidence.edges:
-        if placed[list(group.instances)].all():
-            pairs[group.instances] += _of_edge(group, planes, offsets[group.instances], config)
+        own[s] = track_cost(evidence, s, planes[s], config) + _of_absurd_depths(evidence, s, planes[s], config)
     values = gtsam.Values()
     for s in np.nonzero(placed)[0].tolist():
         values.insert(P(s), gtsam.OrientedPlane3(planes[s]))
@@ -66,17 +62,43 @@ def cost_of(evidence: Evidence, planes: FloatArray, config: EstimationConfig) ->
     return Cost(float(own.sum() + pairs.sum()), by_instance)
 
 
-def cauchy_loss(squared: FloatArray, scale: float) -> FloatArray:
-    """GTSAM's Cauchy loss of squared residuals in σ²."""
-    return 0.5 * scale**2 * np.log1p(squared / scale**2)
-
-
-def _of_tracks(evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig) -> float:
+def track_cost(evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig) -> float:
+    """What the tracks of instance ``s`` cost at a (4,) plane."""
     index, weight = evidence.tracks_of(s, config.max_track_weight)
     if weight == 0.0:
         return 0.0
     residual = evidence.track_residuals(index, plane[None])[0]
     return weight * float(cauchy_loss(residual**2, config.track_cauchy).sum())
+
+
+def contact_costs(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> FloatArray:
+    """(S, S) what the contact of each pair costs at (S, 4) planes, in all its key frames; the smaller number first."""
+    costs = np.zeros((len(planes), len(planes)))
+    placed = np.isfinite(planes[:, 0])
+    offsets = dict(zip(evidence.contacts, contact_offsets(evidence, planes, config), strict=True))
+    for pair, offset in offsets.items():
+        costs[pair] += 0.5 * offset @ offset / config.sigma_contact_offset**2
+    for group in evidence.edges:
+        if placed[list(group.instances)].all():
+            costs[group.instances] += _of_edge(group, planes, offsets[group.instances], config)
+    return costs
+
+
+def wrong_contact_prices(evidence: Evidence, config: EstimationConfig) -> FloatArray:
+    """(S, S) what it costs to call the contact of a pair wrong, the smaller number first; infinite without one.
+
+    A wrong line is drawn somewhere, which is paid once, and in each key frame with the usual errors.
+    """
+    prices = np.full(evidence.touching.shape, np.inf)
+    for pair in evidence.contacts:
+        frames = sum(group.instances == pair for group in evidence.edges)
+        prices[pair] = config.wrong_contact_price + config.usual_edge_cost * frames
+    return prices
+
+
+def cauchy_loss(squared: FloatArray, scale: float) -> FloatArray:
+    """GTSAM's Cauchy loss of squared residuals in σ²."""
+    return 0.5 * scale**2 * np.log1p(squared / scale**2)
 
 
 def _of_absurd_depths(evidence: Evidence, s: int, plane: FloatArray, config: EstimationConfig) -> float:
