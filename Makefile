@@ -9,6 +9,8 @@ ROOM := examples/room
 INPUTS := pyproject.toml constraints.txt
 TOOLS := .venv-tools
 VALIDATOR := tests/tools/node
+# A file of tests whose process ended is begun again, once: one that hangs would otherwise take the time many times.
+PYTEST := python -m pytest -n 2 --dist loadfile --max-worker-restart 1
 
 OLDER := $(addprefix tests/test_,$(addsuffix .py,last_bit synth synth_annotate synth_errors synth_images synth_paths \
 	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions floor_plan mesh quality real_clips))
@@ -26,11 +28,11 @@ test: $(VENV)/.installed-dev $(TOOLS)/.installed $(VALIDATOR)/node_modules
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/$(PYTEST)
 
 # What arithmetic decides, as on a processor without AVX-512: NumPy, OpenBLAS and OpenCV differ there in the last bit.
 test-older-cpu: $(VENV)/.installed-dev
-	$(BIN)/python eval/processors.py avx2 $(BIN)/python -m pytest -n 2 --dist loadfile $(OLDER)
+	$(BIN)/python eval/processors.py avx2 $(BIN)/$(PYTEST) $(OLDER)
 
 # The interpreter is checked by name so that an old one gets a sentence, not pip's traceback.
 $(BIN)/pip:
