@@ -30,7 +30,9 @@ def scene(request: pytest.FixtureRequest, room: Path) -> Scene:
     clip = Path(__file__).parents[2] / "shared/data/office"
     if not clip.is_dir():
         pytest.skip("real clip office is not beside the checkout")
-    return load_scene(clip)
+    whole = load_scene(clip)
+    key_frames = whole.key_frames[:4]
+    return replace(whole, frames=whole.frames[: key_frames[-1].frame + 3], key_frames=key_frames)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from measures import measure
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.processes import in_processes
+from gtlayout.processes import Died, in_processes, outcomes
 
 
 def _ignored(_done: int, _total: int) -> None:
@@ -67,3 +67,32 @@ def test_ctrl_c_stops_those_at_work() -> None:
     with pytest.raises(KeyboardInterrupt):
         in_processes(time.sleep, [0, 3600], 2, interrupt)
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("processes", [1, 3])
+def test_who_dies_costs_one_item(processes: int) -> None:
+    """``abs`` answers; a process that raises a signal, or cannot tell its result, dies."""
+    items = [-1, signal.SIGKILL, -2, signal.SIGKILL, signal.SIGSEGV, -3]
+    found = dict(outcomes(_signal_or_abs, items, processes))
+    assert found == {
+        0: 1,
+        1: Died(-signal.SIGKILL),
+        2: 2,
+        3: Died(-signal.SIGKILL),
+        4: Died(-signal.SIGSEGV),
+        5: 3,
+    }
+    assert not multiprocessing.active_children()
+
+
+def test_who_takes_no_more_stops_all() -> None:
+    found = outcomes(time.sleep, [0, 3600, 3600], 2)
+    assert next(found) == (0, None)
+    found.close()
+    assert not multiprocessing.active_children()
+
+
+def _signal_or_abs(number: int) -> int:
+    if number > 0:
+        signal.raise_signal(number)
+    return abs(number)

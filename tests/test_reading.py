@@ -9,7 +9,7 @@ from common.metrics import read_rows
 
 
 def test_small_files_and_a_short_video(tmp_path: Path) -> None:
-    arguments = ["--out", str(tmp_path), "--images", "5", "--video-frames", "60", "--shrink", "6"]
+    arguments = ["--out", str(tmp_path), "--images", "5", "--video-frames", "40", "--shrink", "6"]
     assert reading.main(arguments) == 0
     rows = read_rows(tmp_path / "annotations.json")
     assert list(rows) == list(reading.FORMATS)
@@ -18,7 +18,7 @@ def test_small_files_and_a_short_video(tmp_path: Path) -> None:
         assert (values["images"], values["elements"]) == (5, 50)
         assert min(values["read"], values["key_frames"], values["size"]) > 0
     ((name, row),) = read_rows(tmp_path / "video.json").items()
-    assert name == "60 frames"
+    assert name == "40 frames"
     values = {metric.key: metric.value for metric in row}
     assert (values["width"], values["height"]) == (320, 180)
     assert values["key_frames"] >= 3

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import cv2
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -23,7 +18,7 @@ from gtlayout.batch.scenes import has_cameras
 from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.io.scene_folder import CAMERA_READERS
-from gtlayout.processes import single_threaded
+from gtlayout.processes import Died, outcomes
 
 SceneRows = dict[str, list[Metric]]
 """Label of a row (a method, a variant) → what was measured for it in one scene."""
@@ -180,31 +175,9 @@ def _here(todo: _Todo) -> Iterator[tuple[str, _Outcome]]:
 
 def _in_processes(todo: _Todo, jobs: int) -> Iterator[tuple[str, _Outcome]]:
     """Outcomes as they come."""
-    unfinished = dict(todo)
-    for name, outcome in _in_one_pool(todo, jobs):
-        if outcome is not None:
-            unfinished.pop(name)
-            yield name, outcome
-    # A process that died took its pool with it, and which scene it was is not said: one pool each tells.
-    for name, measure in unfinished.items():
-        for _, outcome in _in_one_pool({name: measure}, 1):
-            yield name, outcome or _Outcome({}, "the process died: out of memory, or a crash")
-
-
-def _in_one_pool(todo: _Todo, jobs: int) -> Iterator[tuple[str, _Outcome | None]]:
-    """Outcomes as they come; None for scenes whose pool died before they were finished."""
-    with single_threaded():
-        # Spawned, because OpenCV's and GTSAM's threads do not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,))
-        names: dict[Future[_Outcome], str] = {}
-        try:
-            with suppress(BrokenProcessPool):
-                for name, measure in todo.items():
-                    names[pool.submit(_attempt, measure)] = name
-            for future in as_completed(names):
-                error = future.exception()
-                outcome = future.result() if error is None else _Outcome({}, repr(error))
-                yield names[future], None if isinstance(error, BrokenProcessPool) else outcome
-        finally:
-            pool.shutdown(cancel_futures=True)
+    names, measures = list(todo), list(todo.values())
+    for number, outcome in outcomes(_attempt, measures, jobs):
+        if isinstance(outcome, Died):
+            yield names[number], _Outcome({}, "the process died: out of memory, or a crash")
+        else:
+            yield names[number], outcome
