@@ -14,6 +14,7 @@ from typing import Any
 
 import cvat_sdk.auto_annotation as cvataa
 from cvat_sdk.attributes import attribute_vals_from_dict
+from tqdm.contrib.logging import logging_redirect_tqdm
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.reader import PROPOSED
@@ -58,11 +59,18 @@ class LayoutFunction:
         self.spec = cvataa.DetectionFunctionSpec(labels=[self._label_spec(label["name"]) for label in labels])
 
     def detect(self, context: cvataa.DetectionFunctionContext, image: Any) -> Sequence[cvataa.DetectionAnnotation]:
-        """Polygons, polylines and the tag that says they are proposed; nothing, and a line that says why, if
+        """Polygons, polylines and the tag that says they are proposed, for an image that Pillow has read.
 
-        the scene has no such frame, or it is drawn already. ``image`` is Pillow's.
+        Nothing, and a line that says why, where the scene has no such frame, or it is drawn already.
         """
-        found = self._proposer.find(context.frame_name, image.size)
+        # On lines of their own, not within that of cvat-cli's progress bar.
+        with logging_redirect_tqdm([logging.getLogger("gtlayout")]):
+            return self._detect(context, image.size)
+
+    def _detect(
+        self, context: cvataa.DetectionFunctionContext, size: tuple[int, int]
+    ) -> Sequence[cvataa.DetectionAnnotation]:
+        found = self._proposer.find(context.frame_name, size)
         if isinstance(found, str):
             LOG.warning("%s: nothing is proposed, it %s", context.frame_name, found)
             return []

@@ -46,6 +46,8 @@ class Proposer:
         self._solution = solution
         # Without key frames to go by, each image is matched by its name alone.
         self._find = FrameFinder(RawAnnotations(Path(), ()), self.scene.frames, ())
+        # Label Studio asks for all tasks at once and gives up after some time: what was done by then is done.
+        self._proposals: dict[int, Proposal] = {}
         self._drawn = frozenset(key_frame.frame for key_frame in self.scene.key_frames)
 
     def find(self, image: str, size: tuple[int, int] | None = None) -> Found | str:
@@ -67,13 +69,18 @@ class Proposer:
 
     def propose(self, found: Found) -> Proposal:
         """What to draw in a frame, moved to lines of its image where that can be read; else that is logged."""
-        frame = self.scene.frames[found.frame]
+        if found.frame not in self._proposals:
+            self._proposals[found.frame] = self._proposal(found.frame)
+        return self._proposals[found.frame]
+
+    def _proposal(self, index: int) -> Proposal:
+        frame = self.scene.frames[index]
         try:
             image = cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR).astype(np.uint8, copy=False)
         except GtlayoutError as error:
             LOG.warning("%s: proposed without its pixels: %s", frame.name, error)
             image = None
-        return propose(self._solution, found.frame, image=image)
+        return propose(self._solution, index, image=image)
 
 
 def version_of(scene: Scene) -> str:
