@@ -15,7 +15,7 @@ import pytest
 import uvicorn
 from starlette.types import ASGIApp
 
-from gtlayout.serve.proposer import Proposer
+from gtlayout.serve.solved_room import SolvedRoom
 from gtlayout.serve.solving import solve_folder
 from gtlayout.synth import SynthConfig, synthesize
 
@@ -33,7 +33,7 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def proposer(small_room: Path) -> Proposer:
+def solved_room(small_room: Path) -> SolvedRoom:
     """Of the small room."""
     made = solve_folder(small_room)
     assert made is not None

@@ -19,8 +19,8 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.reader import PROPOSED
 from gtlayout.io.annotations.labeling import label_config
-from gtlayout.serve.proposer import Proposer
 from gtlayout.serve.shapes import ToolShape, tool_shapes
+from gtlayout.serve.solved_room import SolvedRoom
 from gtlayout.serve.solving import solve_folder
 
 LOG = logging.getLogger(__name__)
@@ -36,21 +36,21 @@ def create(scene: str, cameras: str = "", annotations: str = "") -> LayoutFuncti
     """
     cameras_path, annotations_path = (Path(given) if given else None for given in (cameras, annotations))
     LOG.warning("solving %s", scene)
-    proposer = solve_folder(Path(scene), cameras_path, annotations_path)
-    if proposer is None:
+    room = solve_folder(Path(scene), cameras_path, annotations_path)
+    if room is None:
         raise GtlayoutError(
             f"{scene}: nothing is drawn in it yet, so nothing can be proposed: draw the first two frames in CVAT, "
             "export them as 'CVAT for images 1.1' to the scene folder, and run this again"
         )
-    LOG.warning("proposing from %s", proposer.version)
-    return LayoutFunction(proposer)
+    LOG.warning("proposing from %s", room.version)
+    return LayoutFunction(room)
 
 
 class LayoutFunction:
     """A detection function: looks frames up in a solved scene, and never at what the image shows alone."""
 
-    def __init__(self, proposer: Proposer) -> None:
-        self._proposer = proposer
+    def __init__(self, room: SolvedRoom) -> None:
+        self._room = room
         labels = json.loads(label_config("cvat"))
         self._label_ids = {label["name"]: i for i, label in enumerate(labels)}
         self._attribute_ids = {
@@ -70,14 +70,14 @@ class LayoutFunction:
     def _detect(
         self, context: cvataa.DetectionFunctionContext, size: tuple[int, int]
     ) -> Sequence[cvataa.DetectionAnnotation]:
-        found = self._proposer.find(context.frame_name, size)
+        found = self._room.find(context.frame_name, size)
         if isinstance(found, str):
             LOG.warning("%s: nothing is proposed, it %s", context.frame_name, found)
             return []
         if found.is_drawn:
             LOG.warning("%s: nothing is proposed, it is drawn already", context.frame_name)
             return []
-        shapes = tool_shapes(self._proposer.propose(found), found.view)
+        shapes = tool_shapes(self._room.propose(found), found.view)
         kept = [shape for shape in shapes if shape.score >= (context.conf_threshold or 0.0)]
         if not kept:
             LOG.warning("%s: nothing is proposed, none of the surfaces known is seen there", context.frame_name)

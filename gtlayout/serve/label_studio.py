@@ -62,8 +62,8 @@ class _Answers:
 
     @property
     def _version(self) -> str:
-        proposer = self._solves.proposer
-        return NOTHING_DRAWN if proposer is None else proposer.version
+        room = self._solves.room
+        return NOTHING_DRAWN if room is None else room.version
 
     async def health(self, _request: Request) -> JSONResponse:
         state = {"state": self._solves.state, "problem": self._solves.problem}
@@ -83,12 +83,12 @@ class _Answers:
             raise GtlayoutError("tasks must be a list")
         tags = control_tags(_text(data, "label_config"), self._meanings)
         await run_in_threadpool(self._solves.refresh)
-        proposer = self._solves.proposer
-        if proposer is None:
+        room = self._solves.room
+        if room is None:
             LOG.warning("%d tasks: nothing is proposed, because nothing is drawn yet", len(tasks))
             return _answer({"results": [nothing(NOTHING_DRAWN) for _ in tasks], "model_version": NOTHING_DRAWN})
-        results = await run_in_threadpool(predictions, tasks, tags, proposer)
-        return _answer({"results": results, "model_version": proposer.version})
+        results = await run_in_threadpool(predictions, tasks, tags, room)
+        return _answer({"results": results, "model_version": room.version})
 
     async def webhook(self, request: Request) -> JSONResponse:
         """The drawings that count are those of the scene folder: what the event says of them is left alone."""

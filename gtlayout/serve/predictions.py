@@ -17,19 +17,19 @@ from gtlayout.io.annotations.checked import name
 from gtlayout.io.image_names import path_of_address
 from gtlayout.scene import FloatArray
 from gtlayout.serve.control_tags import ControlTag, ControlTags
-from gtlayout.serve.proposer import Proposer
 from gtlayout.serve.shapes import ToolShape, score_of, tool_shapes
+from gtlayout.serve.solved_room import SolvedRoom
 
 LOG = logging.getLogger(__name__)
 Json = dict[str, Any]
 
 
-def predictions(tasks: Sequence[Any], tags: ControlTags, proposer: Proposer) -> list[Json]:
+def predictions(tasks: Sequence[Any], tags: ControlTags, room: SolvedRoom) -> list[Json]:
     """A prediction for each task, in order; an empty one, and a line that says why, where there is nothing to propose.
 
     Raises GtlayoutError when a task is no task.
     """
-    return [_prediction(task, tags, proposer) for task in tasks]
+    return [_prediction(task, tags, room) for task in tasks]
 
 
 def nothing(version: str) -> Json:
@@ -37,18 +37,18 @@ def nothing(version: str) -> Json:
     return {"model_version": version, "score": 0.0, "result": []}
 
 
-def _prediction(task: Any, tags: ControlTags, proposer: Proposer) -> Json:
+def _prediction(task: Any, tags: ControlTags, room: SolvedRoom) -> Json:
     image = _image(task, tags.draws["polygon"].image_key)
-    found = proposer.find(image)
+    found = room.find(image)
     if isinstance(found, str):
         LOG.warning("%s: nothing is proposed, it %s", image, found)
-        return nothing(proposer.version)
-    proposal = proposer.propose(found)
+        return nothing(room.version)
+    proposal = room.propose(found)
     shapes = tool_shapes(proposal, found.view)
     results = [each for shape in shapes for each in _results(shape, tags, found.view.annotated_size)]
     if lacking := sorted({shape.label for shape in shapes if _tag(shape, tags) is None}):
         LOG.warning("%s: label_config has nothing to draw %s with: not proposed", image, ", ".join(lacking))
-    return {"model_version": proposer.version, "score": score_of(proposal), "result": results}
+    return {"model_version": room.version, "score": score_of(proposal), "result": results}
 
 
 def _image(task: Any, key: str) -> str:

@@ -13,20 +13,20 @@ from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.choosing import named_path
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import solve
-from gtlayout.serve.proposer import Proposer
+from gtlayout.serve.solved_room import SolvedRoom
 
 LOG = logging.getLogger(__name__)
 Stamp = tuple[tuple[str, int, int], ...]
 
 
-def solve_folder(root: Path, cameras: Path | None = None, annotations: Path | None = None) -> Proposer | None:
+def solve_folder(root: Path, cameras: Path | None = None, annotations: Path | None = None) -> SolvedRoom | None:
     """Proposals for the scene folder ``root``; None when nothing is drawn in it yet.
 
     ``cameras`` and ``annotations`` are those of ``load_scene``. Raises GtlayoutError when the scene cannot be read or
     solved.
     """
     scene = load_scene(root, annotations, cameras=cameras, annotated=False)
-    return Proposer(solve(scene)) if scene.key_frames else None
+    return SolvedRoom(solve(scene)) if scene.key_frames else None
 
 
 def drawings_stamp(root: Path, annotations: Path | None = None) -> Stamp:
@@ -50,9 +50,9 @@ class BackgroundSolves:
     When a solve fails, what was there before stays, and ``problem`` says why.
     """
 
-    def __init__(self, make: Callable[[], Proposer | None], stamp: Callable[[], Stamp]) -> None:
+    def __init__(self, make: Callable[[], SolvedRoom | None], stamp: Callable[[], Stamp]) -> None:
         """``make`` is ``solve_folder`` and ``stamp`` is ``drawings_stamp``, of one folder."""
-        self.proposer: Proposer | None = None
+        self.room: SolvedRoom | None = None
         self.problem = ""
         self._make, self._stamp = make, stamp
         self._lock = Lock()
@@ -66,7 +66,7 @@ class BackgroundSolves:
             return "solving"
         if self.problem:
             return "failed"
-        return "ready" if self.proposer is not None else "nothing drawn"
+        return "ready" if self.room is not None else "nothing drawn"
 
     @property
     def is_solving(self) -> bool:
@@ -111,9 +111,9 @@ class BackgroundSolves:
 
     def _solve(self) -> None:
         try:
-            self.proposer = self._make()
+            self.room = self._make()
             self.problem = ""
-            LOG.warning("%s", "nothing is drawn yet" if self.proposer is None else self.proposer.version)
+            LOG.warning("%s", "nothing is drawn yet" if self.room is None else self.room.version)
         except GtlayoutError as error:
             self.problem = str(error)
             LOG.warning("cannot solve: %s", error)

@@ -16,8 +16,9 @@ from gtlayout.io.annotations.outlines import View
 from gtlayout.io.image_names import NameIndex
 from gtlayout.io.pixels.images import read_rgb
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
+from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.proposal import Proposal
-from gtlayout.proposals.propose import propose
+from gtlayout.proposals.propose import Proposer
 from gtlayout.scene import Scene
 from gtlayout.solution import Solution
 from gtlayout.version import __version__
@@ -37,13 +38,13 @@ class Found:
     """Whether it is a key frame."""
 
 
-class Proposer:
+class SolvedRoom:
     """Proposes drawings for the frames of a solved scene."""
 
     def __init__(self, solution: Solution) -> None:
         self.scene = solution.scene
         self.version = version_of(solution.scene)
-        self._solution = solution
+        self._proposer = Proposer(solution, ProposalConfig())
         # Without key frames to go by, each image is matched by its name alone.
         self._find = FrameFinder(RawAnnotations(Path(), ()), self.scene.frames, ())
         # Label Studio asks for all tasks at once and gives up after some time: what was done by then is done.
@@ -80,7 +81,7 @@ class Proposer:
         except GtlayoutError as error:
             LOG.warning("%s: proposed without its pixels: %s", frame.name, error)
             image = None
-        return propose(self._solution, index, image=image)
+        return self._proposer.propose(index, image)
 
 
 def version_of(scene: Scene) -> str:

@@ -17,8 +17,8 @@ from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.pixels.turn import TURNS
 from gtlayout.proposals.proposal import Proposal, ProposedElement
 from gtlayout.scene import Camera, Element, Frame, Label, VideoOrigin
-from gtlayout.serve.proposer import Found, Proposer, version_of
 from gtlayout.serve.shapes import score_of, tool_shapes
+from gtlayout.serve.solved_room import Found, SolvedRoom, version_of
 
 LENS = Undistortion("SIMPLE_RADIAL", 120, 100, (110.0, 58.0, 51.5, -0.1))
 NOTHING = MultiPolygon()
@@ -75,50 +75,50 @@ def test_a_lens_without_a_turn_and_a_video_of_another_size() -> None:
     ],
 )
 def test_names_are_matched_as_those_of_drawings(
-    proposer: Proposer, caplog: pytest.LogCaptureFixture, image: str, frame: int
+    solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture, image: str, frame: int
 ) -> None:
-    found = proposer.find(image)
+    found = solved_room.find(image)
     assert isinstance(found, Found)
     assert (found.frame, found.is_drawn, found.view.annotated_size) == (frame, False, SIZE)
     assert not caplog.records
 
 
-def test_what_is_not_found_says_why(proposer: Proposer, caplog: pytest.LogCaptureFixture) -> None:
-    assert proposer.find("kitchen.jpg") == "has no camera"
-    assert proposer.find("000099.jpg") == "has no camera"
-    assert proposer.find("000003.jpg", (120, 160)) == "is shown with 120x160 px, and its camera is of 160x120"
+def test_what_is_not_found_says_why(solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture) -> None:
+    assert solved_room.find("kitchen.jpg") == "has no camera"
+    assert solved_room.find("000099.jpg") == "has no camera"
+    assert solved_room.find("000003.jpg", (120, 160)) == "is shown with 120x160 px, and its camera is of 160x120"
     assert not caplog.records
-    by_number = proposer.find("frame_3")
+    by_number = solved_room.find("frame_3")
     assert isinstance(by_number, Found)
     assert by_number.frame == 3
     assert [each.message for each in caplog.records] == ["frame_3 is taken to be 000003.jpg, by its number alone"]
 
 
-def test_drawn_frames_are_known_as_such(proposer: Proposer) -> None:
-    drawn = [i for i, frame in enumerate(proposer.scene.frames) if _found(proposer, frame.name).is_drawn]
-    assert drawn == [key_frame.frame for key_frame in proposer.scene.key_frames]
-    assert 0 < len(drawn) < len(proposer.scene.frames)
+def test_drawn_frames_are_known_as_such(solved_room: SolvedRoom) -> None:
+    drawn = [i for i, frame in enumerate(solved_room.scene.frames) if _found(solved_room, frame.name).is_drawn]
+    assert drawn == [key_frame.frame for key_frame in solved_room.scene.key_frames]
+    assert 0 < len(drawn) < len(solved_room.scene.frames)
 
 
 def test_a_frame_without_pixels_is_proposed_all_the_same(
-    proposer: Proposer, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    frames = list(proposer.scene.frames)
+    frames = list(solved_room.scene.frames)
     frames[5] = replace(frames[5], image_path=Path("gone.jpg"))
-    monkeypatch.setattr(proposer, "scene", replace(proposer.scene, frames=tuple(frames)))
-    monkeypatch.setattr(proposer, "_proposals", {})
+    monkeypatch.setattr(solved_room, "scene", replace(solved_room.scene, frames=tuple(frames)))
+    monkeypatch.setattr(solved_room, "_proposals", {})
     with caplog.at_level(logging.WARNING):
-        proposal = proposer.propose(_found(proposer, "000005.jpg"))
+        proposal = solved_room.propose(_found(solved_room, "000005.jpg"))
     assert proposal.frame == 5
     assert proposal.elements
     (said,) = caplog.records
     assert said.message.startswith("000005.jpg: proposed without its pixels: cannot read image gone.jpg")
 
 
-def test_the_version_is_that_of_the_drawings(proposer: Proposer) -> None:
-    scene = proposer.scene
+def test_the_version_is_that_of_the_drawings(solved_room: SolvedRoom) -> None:
+    scene = solved_room.scene
     version = version_of(scene)
-    assert version == proposer.version
+    assert version == solved_room.version
     assert f"{len(scene.key_frames)} frames drawn" in version
     first = scene.key_frames[0]
     wall = first.elements[0]
@@ -170,7 +170,7 @@ def test_nothing_has_no_score() -> None:
     assert score_of(Proposal(0, (), (), NOTHING)) == 0
 
 
-def _found(proposer: Proposer, image: str) -> Found:
-    found = proposer.find(image)
+def _found(solved_room: SolvedRoom, image: str) -> Found:
+    found = solved_room.find(image)
     assert isinstance(found, Found)
     return found
