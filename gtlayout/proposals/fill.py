@@ -53,7 +53,7 @@ def filled(
             simple = shapely.simplify(polygon, config.simplify_share * np.sqrt(polygon.area))
             ring = shapely.get_coordinates(shapely.orient_polygons(simple).exterior)[:-1]
             closed = closed_edges(scene, one, ring, key_frames, config)
-            cos = config.parallel_cos if instance.host is not None else -1.0
+            cos = None if instance.host is None else config.parallel_cos
             wedges += wedges_over_open(ring, closed, reach, cos)
         against = shapely.union_all([one.against[k] for k in key_frames])
         grown.append(replace(extent, region=_with_touching(extent.region, shapely.union_all(wedges) - against)))
@@ -85,17 +85,19 @@ def closed_edges(
     return closed
 
 
-def wedges_over_open(ring: FloatArray, closed: BoolArray, reach: float, min_cos: float) -> Iterator[BaseGeometry]:
+def wedges_over_open(
+    ring: FloatArray, closed: BoolArray, reach: float, min_cos: float | None
+) -> Iterator[BaseGeometry]:
     """What lies beyond each run of open edges of a counter-clockwise ring, between the closed ones beside it.
 
     Args:
         ring: (N, 2).
-        closed: (N,) of its edges; without any, all within ``reach`` is given, unless ``min_cos`` forbids it.
+        closed: (N,) of its edges; without any, all within ``reach`` is given, unless there is a ``min_cos``.
         reach: How far edges that do not meet go on.
-        min_cos: Of the directions of two edges between which anything lies; -1 = any.
+        min_cos: Of the directions of two edges between which anything lies; None = any.
     """
     count = len(ring)
-    if not closed.any() and min_cos == -1:
+    if not closed.any() and min_cos is None:
         yield shapely.box(*(ring.min(axis=0) - reach), *(ring.max(axis=0) + reach))
     for k in np.nonzero(closed)[0]:
         last = k + 1
@@ -107,7 +109,7 @@ def wedges_over_open(ring: FloatArray, closed: BoolArray, reach: float, min_cos:
         run = ring[np.arange(k + 1, last + 1) % count]
         before, after = run[0] - ring[k], run[-1] - ring[(last + 1) % count]
         before, after = before / np.linalg.norm(before), after / np.linalg.norm(after)
-        if before @ after >= min_cos:
+        if min_cos is None or before @ after >= min_cos:
             yield shapely.make_valid(Polygon([*run, *_beyond(run[-1], after, run[0], before, reach)]))
 
 

@@ -65,10 +65,10 @@ def snap(
     return dict(outlines)
 
 
-def on_border(points: FloatArray, camera: Camera) -> bool:
+def on_border(points: FloatArray, camera: Camera, within_px: float = _ON_BORDER_PX) -> bool:
     """Whether an edge (N, 2) px runs along the border of the image."""
     distances = np.abs(np.column_stack([points, points - [camera.width, camera.height]]))
-    return bool((distances.max(axis=0) <= _ON_BORDER_PX).any())
+    return bool((distances.max(axis=0) <= within_px).any())
 
 
 def line_beside(edge: FloatArray, lines: FloatArray, config: SnapConfig) -> FloatArray | None:

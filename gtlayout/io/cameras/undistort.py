@@ -52,9 +52,9 @@ class Undistortion:
         return rays @ K[:2, :2].T + K[:2, 2]
 
     def distorted(self, points_px: FloatArray) -> FloatArray:
-        """(N, 2) pixels of the pinhole image → (N, 2) pixels of the distorted one: the inverse of ``points``."""
+        """The inverse of ``points``: (N, 2) pixels of the pinhole image → (N, 2) of the distorted one."""
         K = self.target.calibration_matrix()
-        rays = np.column_stack([(points_px - K[:2, 2]) / [K[0, 0], K[1, 1]], np.ones(len(points_px))])
+        rays = np.column_stack([(points_px - K[:2, 2]) / np.diag(K)[:2], np.ones(len(points_px))])
         return np.asarray(self.source.img_from_cam(rays), dtype=np.float64)
 
     def __call__(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -90,6 +90,8 @@ def _maps(lens: Undistortion) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.f
     """OpenCV maps, (H, W) each: where in the source each target pixel lies, pixel centres at 0."""
     target = lens.target
     u, v = np.meshgrid(np.arange(target.width) + 0.5, np.arange(target.height) + 0.5)
-    source_px = lens.distorted(np.column_stack([u.ravel(), v.ravel()])).astype(np.float32) - np.float32(0.5)
+    K = target.calibration_matrix()
+    rays = np.column_stack([(u.ravel() - K[0, 2]) / K[0, 0], (v.ravel() - K[1, 2]) / K[1, 1], np.ones(u.size)])
+    source_px = np.asarray(lens.source.img_from_cam(rays)).astype(np.float32) - np.float32(0.5)
     x, y = source_px.T.reshape(2, target.height, target.width)
     return np.ascontiguousarray(x), np.ascontiguousarray(y)

@@ -62,9 +62,9 @@ class Upright:
             seen_px = lens.points(seen_px)
         return self.after.points(seen_px, self.seen_size)
 
-    def stored(self, frame_px: FloatArray) -> FloatArray:
-        """(N, 2) pixels of the frame → (N, 2) of the file as stored: the inverse of ``points``."""
-        seen_px = self.after.inverse.points(frame_px, self.after.size(self.seen_size))
+    def stored(self, points_px: FloatArray) -> FloatArray:
+        """The inverse of ``points``: (N, 2) pixels of the frame → (N, 2) of the file as stored."""
+        seen_px = self.after.inverse.points(points_px, self.after.size(self.seen_size))
         for lens in reversed(self.lenses):
             seen_px = lens.distorted(seen_px)
         return self.before.inverse.points(seen_px, self.before.size(self.size))
