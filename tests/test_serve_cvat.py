@@ -19,6 +19,7 @@ from tools_env import tools_python
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.reader import PROPOSED, read_cvat
 from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.proposals.order import next_frames
 from gtlayout.scene import KeyFrame
 from gtlayout.serve.solved_room import Found, SolvedRoom
 
@@ -159,18 +160,22 @@ def test_other_tags_say_nothing_of_that(tmp_path: Path) -> None:
     assert [raw.image for raw in read_cvat(tmp_path, path).key_frames] == ["a.jpg"]
 
 
-def test_the_threshold_leaves_out_what_is_unsure_and_a_task_without_the_tag_can_be_allowed(
-    annotated: Annotated, small_room: Path, tmp_path: Path
+def test_the_next_frames_only_what_is_sure_enough_and_a_task_without_the_tag(
+    annotated: Annotated, small_room: Path, solved_room: SolvedRoom, tmp_path: Path
 ) -> None:
     scores = sorted(shape["score"] for shapes in annotated.shapes.values() for shape in shapes)
     limit = scores[len(scores) // 2]
     task = task_over(small_room)
     task.labels = [label for label in task.labels if label["name"] != PROPOSED]
-    options = ("--conf-threshold", str(limit), "--allow-unmatched-labels")
+    options = ("--conf-threshold", str(limit), "--allow-unmatched-labels", "-p", "next=int:3")
     done = auto_annotate(task, small_room, tmp_path, *options)
     assert done.returncode == 0, done.stderr
+    names = [task.images[frame][0] for frame in next_frames(solved_room.scene, 3)]
+    assert f"proposing only {', '.join(names)}" in done.stderr.splitlines()
     (uploaded,) = task.uploaded
-    assert sorted(shape["score"] for shape in uploaded["shapes"]) == [score for score in scores if score >= limit]
+    wanted = [shape["score"] for name in names for shape in annotated.shapes[name]]
+    assert min(wanted) < limit
+    assert sorted(shape["score"] for shape in uploaded["shapes"]) == sorted(s for s in wanted if s >= limit)
     assert uploaded["tags"] == []
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.reader import PROPOSED
 from gtlayout.io.annotations.labeling import label_config
+from gtlayout.proposals.order import next_frames
 from gtlayout.serve.shapes import ToolShape, tool_shapes
 from gtlayout.serve.solved_room import SolvedRoom
 from gtlayout.serve.solving import solve_folder
@@ -28,10 +29,11 @@ TYPES = {"occlusion_edge": "polyline", PROPOSED: "tag"}
 """What is drawn of a label; polygons of all others."""
 
 
-def create(scene: str, cameras: str = "", annotations: str = "") -> LayoutFunction:
+def create(scene: str, cameras: str = "", annotations: str = "", next: int = 0) -> LayoutFunction:
     """Solve the scene folder ``scene``, and make the function that proposes drawings for its frames.
 
-    ``cameras`` and ``annotations`` are those of ``gtlayout.load``; empty where the folder has only one of each. Raises
+    ``cameras`` and ``annotations`` are those of ``gtlayout.load``; empty where the folder has only one of each. With
+    ``next`` only the next so many frames that are worth drawing are proposed, else all that are not drawn. Raises
     GtlayoutError when the scene cannot be read or solved, or nothing is drawn in it yet.
     """
     cameras_path, annotations_path = (Path(given) if given else None for given in (cameras, annotations))
@@ -43,14 +45,19 @@ def create(scene: str, cameras: str = "", annotations: str = "") -> LayoutFuncti
             "export them as 'CVAT for images 1.1' to the scene folder, and run this again"
         )
     LOG.warning("proposing from %s", room.version)
-    return LayoutFunction(room)
+    if not next:
+        return LayoutFunction(room)
+    chosen = next_frames(room.scene, next)
+    LOG.warning("proposing only %s", ", ".join(room.scene.frames[frame].name for frame in chosen))
+    return LayoutFunction(room, frozenset(chosen))
 
 
 class LayoutFunction:
     """A detection function: looks frames up in a solved scene, and never at what the image shows alone."""
 
-    def __init__(self, room: SolvedRoom) -> None:
-        self._room = room
+    def __init__(self, room: SolvedRoom, only: Collection[int] | None = None) -> None:
+        """``only`` are the frames to propose; all when None."""
+        self._room, self._only = room, only
         labels = json.loads(label_config("cvat"))
         self._label_ids = {label["name"]: i for i, label in enumerate(labels)}
         self._attribute_ids = {
@@ -74,13 +81,17 @@ class LayoutFunction:
         if isinstance(found, str):
             LOG.warning("%s: nothing is proposed, it %s", context.frame_name, found)
             return []
+        if self._only is not None and found.frame not in self._only:
+            return []
         if found.is_drawn:
             LOG.warning("%s: nothing is proposed, it is drawn already", context.frame_name)
             return []
         shapes = tool_shapes(self._room.propose(found), found.view)
         kept = [shape for shape in shapes if shape.score >= (context.conf_threshold or 0.0)]
         if not kept:
-            LOG.warning("%s: nothing is proposed, none of the surfaces known is seen there", context.frame_name)
+            LOG.warning(
+                "%s: nothing is proposed, no surface that is known and sure enough is there", context.frame_name
+            )
             return []
         return [cvataa.tag(self._label_ids[PROPOSED]), *map(self._shape, kept)]
 
