@@ -80,6 +80,10 @@ def test_each_task_has_a_prediction_and_what_is_not_known_an_empty_one(
     assert all(0 <= each["score"] <= 1 for each in results[0]["result"] if each["type"] != "textarea")
     ids = [each["id"] for each in results[0]["result"] if each["type"] != "textarea"]
     assert len(set(ids)) == len(ids)
+    vectors = [each["value"]["vertices"] for each in results[0]["result"] if each["type"] == "vectorlabels"]
+    assert vectors
+    for vertices in vectors:
+        assert [each["prevPointId"] for each in vertices] == [None, *(each["id"] for each in vertices[:-1])]
 
 
 def test_label_studio_finds_nothing_wrong_and_converts_them(

@@ -13,11 +13,10 @@ from pathlib import Path
 import uvicorn
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import read_label_file
 from gtlayout.serve.guard import Credentials, Guard
 from gtlayout.serve.label_studio import backend
-from gtlayout.serve.solving import BackgroundSolves, drawings_stamp, solve_folder
+from gtlayout.serve.solving import BackgroundSolves, drawings_stamp, labels_file, solve_folder
 
 LOOPBACK = "127.0.0.1"
 PORT = 9090
@@ -60,7 +59,7 @@ def serve_label_studio(
             raise GtlayoutError(solves.problem)
         served_port = listening.getsockname()[1]
         names = {f"{name}:{served_port}" for name in (LOOPBACK, "localhost", "[::1]")} if is_loopback(host) else None
-        app = Guard(backend(solves, dict(read_label_file(root / LABELS_FILE))), names, credentials)
+        app = Guard(backend(solves, dict(read_label_file(labels_file(root, annotations)))), names, credentials)
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
         )

@@ -34,14 +34,23 @@ def drawings_stamp(root: Path, annotations: Path | None = None) -> Stamp:
 
     Raises GtlayoutError when the folder cannot be read.
     """
-    place = root if annotations is None else named_path(root, annotations, "annotations")
-    folder = place if place.is_dir() else place.parent
-    paths = [*kinds_at(place), folder / LABELS_FILE]
+    place = _place(root, annotations)
+    paths = [*kinds_at(place), labels_file(root, annotations)]
     try:
         stats = [(str(path), path.stat()) for path in paths if path.is_file()]
     except OSError as error:
         raise GtlayoutError(f"cannot read {place}: {error.strerror or error}") from error
     return tuple((path, stat.st_mtime_ns, stat.st_size) for path, stat in stats)
+
+
+def labels_file(root: Path, annotations: Path | None = None) -> Path:
+    """Where ``labels.json`` lies, if there is one. Raises GtlayoutError when the annotations that are named do not."""
+    place = _place(root, annotations)
+    return (place if place.is_dir() else place.parent) / LABELS_FILE
+
+
+def _place(root: Path, annotations: Path | None) -> Path:
+    return root if annotations is None else named_path(root, annotations, "annotations")
 
 
 class BackgroundSolves:
