@@ -89,6 +89,21 @@ def test_the_nearest_drawing_says_where_a_line_lies() -> None:
     assert off(found["wall_0"].element.amodal, rooms.draw(screens[0].corners, near_first)) < 0.1
 
 
+@pytest.mark.parametrize("height", [0.9, 1.7], ids=["a hole", "up to the ceiling's line"])
+def test_what_something_nearer_hid_goes_on_behind_it(height: float) -> None:
+    """The far wall was drawn around a screen before it; seen from the side, what that hid comes out."""
+    screen = rooms.Surface("wall", rooms.rectangle([1.4, 3.0, 0.8], [0.8, 0, 0], [0, 0, height]))
+    outline = rooms.draw(screen.corners, NARROW)
+    around = [(s.label, polygons(rooms.draw(s.corners, NARROW).difference(outline))) for s in SEEN]
+    scene = rooms.make_scene([NARROW], [[*around, ("wall", outline)]])
+    aside = rooms.level_camera((2.9, 0.6, 1.25), focal=300.0, width=640, height=480)
+    found = by_name(propose(solved([], [aside], (*SEEN, screen), scene=scene), 1))
+    hidden = rooms.draw(screen.corners, aside)
+    assert off(found["wall_5"].element.amodal, hidden) < 0.05
+    far = polygons(rooms.draw(rooms.FAR.corners, aside).difference(hidden))
+    assert off(found["wall_4"].element.amodal, far) < 0.05
+
+
 def test_an_opening_lies_above_its_host_and_does_not_grow_sideways() -> None:
     door = rooms.Surface("door", rooms.rectangle([1.5, 5, 0], [0.9, 0, 0], [0, 0, 2.0]), host=4)
     low = rooms.level_camera((2.0, 0.6, 1.25), focal=900.0, width=640, height=480)
