@@ -157,7 +157,7 @@ def compare(proposal: Proposal, scene: Scene, drawn: Sequence[int], key_frame: i
     elements = scene.key_frames[key_frame].elements
     instance_of = {member: i for i, instance in enumerate(whole.instances) for member in instance.members}
     before = {i for (k, _), i in instance_of.items() if k in drawn}
-    known = np.array([instance_of.get((key_frame, e), -1) in before for e in range(len(elements))])
+    known = np.array([instance_of.get((key_frame, e), -1) in before for e in range(len(elements))], dtype=bool)
     iou = np.array([[_iou(element, other.element) for other in proposal.elements] for element in elements])
     iou = iou.reshape(len(elements), len(proposal.elements))
     pairs = zip(*(index.tolist() for index in linear_sum_assignment(-iou)), strict=True)

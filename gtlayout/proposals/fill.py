@@ -55,6 +55,8 @@ def filled(
             closed = closed_edges(scene, one, ring, key_frames, config)
             cos = None if instance.host is None else config.parallel_cos
             wedges += wedges_over_open(ring, closed, reach, cos)
+            # What is before a surface leaves a hole in it, in which nothing is known to be behind.
+            wedges += [Polygon(hole) for hole in polygon.interiors]
         against = shapely.union_all([one.against[k] for k in key_frames])
         grown.append(replace(extent, region=_with_touching(extent.region, shapely.union_all(wedges) - against)))
     return tuple(grown)
