@@ -13,12 +13,12 @@ from shapely import MultiPolygon, Polygon
 from tools_env import run_tool
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotations.cvat.reader import read_cvat
+from gtlayout.io.annotations.cvat.reader import PROPOSED, read_cvat
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import RawAnnotations, RawShape
-from gtlayout.scene import Camera, Element, Frame, KeyFrame
+from gtlayout.scene import LABELS, Camera, Element, Frame, KeyFrame
 
 SIZE = (64, 48)
 TURNED = [[30.0, 20.0], [38.0, 26.0], [35.0, 30.0], [27.0, 24.0]]
@@ -425,7 +425,7 @@ def test_what_we_write_is_read_by_datumaro(tiny: Path) -> None:
     frames = load_scene(tiny).frames
     write_cvat(tiny / "annotations.xml", frames, _layout())
     seen = json.loads(run_tool("read_cvat.py", str(tiny / "annotations.xml")))
-    assert {"floor", "ceiling", "wall", "slanted", "door", "window", "visible", "occlusion_edge"} == set(seen["labels"])
+    assert {*LABELS, "visible", "occlusion_edge", PROPOSED} == set(seen["labels"])
     (shapes,) = seen["items"].values()
     line = shapes[-1]
     assert (line["type"], line["label"]) == ("polyline", "occlusion_edge")

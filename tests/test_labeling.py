@@ -12,6 +12,7 @@ import pytest
 from defusedxml import ElementTree
 from tools_env import run_tool
 
+from gtlayout.io.annotations.cvat.reader import PROPOSED
 from gtlayout.io.annotations.labeling import LABEL_FILES, LabelTool, label_config
 from gtlayout.io.annotations.labels import KINDS, label_meanings, meaning
 from gtlayout.scene import LABELS
@@ -26,10 +27,12 @@ def _understood(names: list[str]) -> bool:
 def test_cvat_labels() -> None:
     """The rules are those of CVAT's label constructor (``validateParsedLabel`` in ``cvat-ui``)."""
     labels = json.loads(label_config("cvat"))
-    assert _understood([label["name"] for label in labels])
+    *drawn, proposed = labels
+    assert _understood([label["name"] for label in drawn])
+    assert (proposed["name"], proposed["type"], proposed["attributes"]) == (PROPOSED, "tag", [])
     assert len({label["color"] for label in labels}) == len(labels)
-    for label in labels:
-        assert re.fullmatch("#[0-9a-f]{6}", label["color"])
+    assert all(re.fullmatch("#[0-9a-f]{6}", label["color"]) for label in labels)
+    for label in drawn:
         assert label["type"] == ("polyline" if label["name"] == "occlusion_edge" else "any")
         wanted = ["id"] if label["name"] in LABELS else ["element"] if label["name"] == "visible" else []
         assert [attribute["name"] for attribute in label["attributes"]] == wanted

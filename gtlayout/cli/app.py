@@ -285,6 +285,20 @@ app.command(
 )
 
 
+app.command(
+    "gtlayout.cli.serve:serve",
+    name="serve",
+    help="Propose drawings in Label Studio: a backend for its models, until Ctrl-C.",
+)
+
+
+app.command(
+    "gtlayout.cli.propose:propose",
+    name="propose",
+    help="Propose the drawings of frames that are not drawn yet, to be corrected instead of drawn.",
+)
+
+
 def _source_or_labels(source: Path | None = None, out: Path | None = None, **options: object) -> None:
     if "label_config" not in options and (source is None or out is None):
         raise ValueError("SRC and OUT are needed (or --label-config cvat|label-studio)")

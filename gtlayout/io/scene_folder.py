@@ -134,6 +134,13 @@ def annotated_numbers(root: Path, annotations: Path) -> frozenset[int]:
     return frozenset(sequence.video_numbers.values()) if sequence else frozenset()
 
 
+def annotation_source(root: Path, annotations: Path | None = None) -> Source[RawAnnotations] | None:
+    """What the scene's drawings are read from, None where there is nothing; see ``load_scene``."""
+    place = root if annotations is None else named_path(root, annotations, "annotations")
+    sources = sources_in(place, ANNOTATION_READERS)
+    return the_one(sources, place, ANNOTATION_READERS, "annotations") if sources else None
+
+
 def _read_annotations(place: Path, annotated: bool) -> tuple[RawAnnotations | None, tuple[str, ...]]:
     """The annotations in the folder, file or zip, None where there are none and need not be; and what is not read.
 

@@ -31,6 +31,8 @@ OVERLAP = 64
 """No sign is longer."""
 MAX_SCAN = 1 << 26
 """Characters; what has shown no sign until then is no annotation file."""
+RESULTS_FOLDER = "gtlayout"
+"""What is proposed lies there in the formats of other tools; nobody drew it."""
 MAX_DEPTH = 2
 """LabelMe's files lie beside the images: in Polycam's scans in ``keyframes/corrected_images``."""
 JSON_SIGNS: tuple[tuple[AnnotationKind | Foreign, str, re.Pattern[str]], ...] = (
@@ -64,7 +66,12 @@ def kinds_at(place: Path) -> dict[Path, AnnotationKind | Foreign]:
     try:
         folders, kinds = [place], kinds_in(place)
         for _ in range(MAX_DEPTH if not readable(kinds) else 0):
-            folders = [path for folder in folders for path in sorted(folder.iterdir()) if path.is_dir()]
+            folders = [
+                path
+                for folder in folders
+                for path in sorted(folder.iterdir())
+                if path.is_dir() and path.name != RESULTS_FOLDER
+            ]
             kinds |= {path: found for folder in folders for path, found in kinds_in(folder).items()}
             if readable(kinds):
                 break

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import NATIVE_FILE, files_of_kind
 from gtlayout.io.annotations.checked import MAX_PX, Notes, UnusableError, name, pairs
+from gtlayout.io.annotations.drafts import Draft, as_drawn
 from gtlayout.io.annotations.masks import simple_rings
+from gtlayout.io.annotations.outlines import View
 from gtlayout.io.files import printable, read_json, write_json_atomic
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
 FORMAT = "gtlayout-annotations/1"
+DRAFT_FORMAT = "gtlayout-drafts/1"
+DRAFTS = "drafts"
+"""Where an annotation file keeps what is only proposed: entries like those of ``frames``."""
 
 
 def read_annotations(_root: Path, path: Path) -> RawAnnotations:
@@ -33,7 +38,9 @@ def read_annotations(_root: Path, path: Path) -> RawAnnotations:
         raise GtlayoutError(f"{path}: frames must be a list" + ("" if "frames" in data else ", it is missing"))
     notes = Notes()
     key_frames = [_key_frame(frame, i, size, notes) for i, frame in enumerate(frames)]
-    return RawAnnotations(path, tuple(filter(None, key_frames)), tuple(notes.lines(path.name)))
+    drafts = _list(data, DRAFTS, path.name, notes)
+    left = f"{path.name}: {len(drafts)} frames are drafts, not used: only what a person confirmed counts"
+    return RawAnnotations(path, tuple(filter(None, key_frames)), (*notes.lines(path.name), *([left] if drafts else [])))
 
 
 def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
@@ -43,23 +50,63 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
     Raises GtlayoutError when the file cannot be written.
     """
     sizes = list({(frames[k.frame].camera.width, frames[k.frame].camera.height) for k in key_frames})
-    entries = [
-        {
-            "image": frames[key_frame.frame].name,
-            "elements": [
-                {
-                    "id": element.id,
-                    "label": element.label,
-                    "polygons": simple_rings(element.amodal),
-                    "visible": simple_rings(element.visible),
-                }
-                for element in key_frame.elements
-            ],
-            "occlusion_edges": list(key_frame.occlusion_edges),
-        }
-        for key_frame in key_frames
-    ]
+    entries = [_entry(frames[key_frame.frame].name, key_frame) for key_frame in key_frames]
     write_json_atomic(path, {"format": FORMAT, "image_size": sizes[0] if len(sizes) == 1 else None, "frames": entries})
+
+
+def write_drafts(path: Path, frames: Sequence[Frame], drafts: Sequence[Draft]) -> None:
+    """Put drafts into an annotation file that is there; those of the same images go, everything else stays.
+
+    They are drawn on the images as the file has them: with their lens, turned by their tag, in its ``image_size``.
+    Raises GtlayoutError when the file is no such file, or cannot be written.
+    """
+    data = read_json(path)
+    if data.get("format") != FORMAT:
+        raise GtlayoutError(f"{path}: format is {data.get('format')!r}, expected {FORMAT!r}")
+    size = _image_size(data.get("image_size"), path)
+    there = data.get(DRAFTS, [])
+    if not isinstance(there, list):
+        raise GtlayoutError(f"{path}: {DRAFTS} must be a list; mend it, or remove it")
+    new = [_draft_entry(draft, frames[draft.key_frame.frame], size) for draft in drafts]
+    images = {entry["image"] for entry in new}
+    kept = [entry for entry in there if not (isinstance(entry, dict) and entry.get("image") in images)]
+    write_json_atomic(path, {**data, DRAFTS: [*kept, *new]})
+
+
+def write_draft_file(path: Path, frames: Sequence[Frame], drafts: Sequence[Draft]) -> None:
+    """Write drafts alone, ``gtlayout-drafts/1``: for scenes whose drawings another tool's file holds.
+
+    Each is in pixels of its image as it is shown. Raises GtlayoutError when the file cannot be written.
+    """
+    entries = [_draft_entry(draft, frames[draft.key_frame.frame], None) for draft in drafts]
+    write_json_atomic(path, {"format": DRAFT_FORMAT, DRAFTS: entries})
+
+
+def _draft_entry(draft: Draft, frame: Frame, size: tuple[int, int] | None) -> dict[str, Any]:
+    """Raises GtlayoutError when the image cannot have the size that the file is drawn in."""
+    view = View.of(frame.name, frame, size)
+    if view.has_other_shape:
+        raise GtlayoutError(
+            f"{frame.name} has not the shape of the file's image_size {size}: no draft of it can stand there"
+        )
+    return _entry(frame.name, as_drawn(draft.key_frame, view), draft.scores)
+
+
+def _entry(image: str, key_frame: KeyFrame, scores: Mapping[str, float] | None = None) -> dict[str, Any]:
+    return {
+        "image": image,
+        "elements": [
+            {
+                "id": element.id,
+                "label": element.label,
+                **({} if scores is None else {"score": scores[element.id]}),
+                "polygons": simple_rings(element.amodal),
+                "visible": simple_rings(element.visible),
+            }
+            for element in key_frame.elements
+        ],
+        "occlusion_edges": list(key_frame.occlusion_edges),
+    }
 
 
 def _key_frame(data: Any, index: int, size: tuple[int, int] | None, notes: Notes) -> RawKeyFrame | None:

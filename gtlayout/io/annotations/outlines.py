@@ -110,6 +110,15 @@ class View:
             points_px = points_px * (np.array(self.drawn_size) / self.annotated_size)
         return self.lens.from_shown(points_px) if isinstance(self.lens, Upright) and self.drawn_on_shown else points_px
 
+    def to_drawn(self, points_px: FloatArray) -> FloatArray:
+        """(N, 2) pixels of the pinhole image → (N, 2) as they would be drawn: the inverse of both."""
+        if isinstance(self.lens, Upright):
+            points_px = self.lens.stored(points_px)
+            points_px = self.lens.shown.points(points_px, self.lens.size) if self.drawn_on_shown else points_px
+        elif self.lens:
+            points_px = self.lens.distorted(points_px)
+        return points_px * (np.array(self.annotated_size) / self.drawn_size)
+
 
 def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repairs) -> MultiPolygon:
     """The union of (N, 2) outlines, in the pinhole image, without redundant vertices.

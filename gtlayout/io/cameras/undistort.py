@@ -51,6 +51,12 @@ class Undistortion:
         K = self.target.calibration_matrix()
         return rays @ K[:2, :2].T + K[:2, 2]
 
+    def distorted(self, points_px: FloatArray) -> FloatArray:
+        """The inverse of ``points``: (N, 2) pixels of the pinhole image → (N, 2) of the distorted one."""
+        K = self.target.calibration_matrix()
+        rays = np.column_stack([(points_px - K[:2, 2]) / np.diag(K)[:2], np.ones(len(points_px))])
+        return np.asarray(self.source.img_from_cam(rays), dtype=np.float64)
+
     def __call__(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Resample an image, or a depth map: uint8 bilinearly, everything else by nearest neighbour.
 

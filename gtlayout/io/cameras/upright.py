@@ -62,6 +62,13 @@ class Upright:
             seen_px = lens.points(seen_px)
         return self.after.points(seen_px, self.seen_size)
 
+    def stored(self, points_px: FloatArray) -> FloatArray:
+        """The inverse of ``points``: (N, 2) pixels of the frame → (N, 2) of the file as stored."""
+        seen_px = self.after.inverse.points(points_px, self.after.size(self.seen_size))
+        for lens in reversed(self.lenses):
+            seen_px = lens.distorted(seen_px)
+        return self.before.inverse.points(seen_px, self.before.size(self.size))
+
     def __call__(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Pixels (or a depth map) as stored → those of the frame. Raises GtlayoutError on another size."""
         if image.shape[:2] != (self.height, self.width):

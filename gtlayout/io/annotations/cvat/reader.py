@@ -24,6 +24,8 @@ from gtlayout.io.sources import RawAnnotations, RawKeyFrame, RawShape, Reader
 
 MODES = {"interpolation": True, "annotation": False}
 """What CVAT calls tasks over a video and over images: whether it is a video."""
+PROPOSED = "proposed"
+"""The tag of an image whose shapes are proposals that nobody has confirmed: who confirms them removes it."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class _Sequence:
 
 
 def read_cvat(_root: Path, path: Path) -> RawAnnotations:
-    """Read an export of a task or job; images without a shape are no key frames.
+    """Read an export of a task or job; images without a shape, or tagged as proposed, are no key frames.
 
     Of tracks, key frames are those in which a shape was drawn: there interpolated shapes of other tracks count.
     ``RawKeyFrame.number`` counts the images of the task or job. Shapes that are broken or of another type are dropped.
@@ -121,6 +123,9 @@ def _images(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
             notes.add(
                 "image skipped: its name is missing or its size broken", name or _line(f"image {image.get('id')}")
             )
+            continue
+        if any(node.tag == "tag" and node.get("label") == PROPOSED for node in image):
+            notes.add(f"image left out: its tag {PROPOSED!r} says that nobody has confirmed what is drawn", name)
             continue
         width, height = size
         annotated = (width, height) if width and height else None

@@ -1,0 +1,1 @@
+"""Proposals for annotation tools: an auto-annotation function for CVAT, an ML backend for Label Studio."""
