@@ -18,15 +18,16 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Plane
-from gtlayout.proposals.config import ProposalConfig, SnapConfig
+from gtlayout.proposals.config import FillConfig, ProposalConfig, SnapConfig
 from gtlayout.proposals.cover import cover
 from gtlayout.proposals.edges import LEFT_SNAPPED
-from gtlayout.proposals.fill import wedges_over_open
+from gtlayout.proposals.fill import filled, wedges_over_open
 from gtlayout.proposals.line_sigma import contact_sigma, drawn_sigma, probability_within
 from gtlayout.proposals.order import next_frames
 from gtlayout.proposals.outlines import segments
 from gtlayout.proposals.proposal import Proposal, ProposedElement
 from gtlayout.proposals.propose import propose
+from gtlayout.proposals.seen import seen_instances
 from gtlayout.proposals.snapping import image_lines, line_beside, snap
 from gtlayout.scene import Frame, ImageArray, KeyFrame, Scene
 
@@ -68,8 +69,12 @@ def test_only_what_was_drawn_ends_what_is_proposed() -> None:
 def test_a_key_frame_is_proposed_as_if_it_were_not_drawn() -> None:
     nearer = rooms.level_camera((2.0, 2.0, 1.25), focal=200.0, width=640, height=480)
     scene = rooms.seen_from([NARROW, nearer], SEEN)
-    wrong = polygons(rooms.draw(rooms.FAR.corners, nearer).buffer(40, join_style="mitre"))
-    spoiled = solved([], [], SEEN, scene=rooms.redraw(scene, 1, 4, wrong))
+    # Its own drawing lets the floor go up into the far wall.
+    far_wall, floor = (rooms.draw(surface.corners, nearer) for surface in (rooms.FAR, rooms.FLOOR))
+    strip = far_wall.intersection(rooms.pixels(0, 290, 640, 480))
+    wrong = rooms.redraw(scene, 1, 4, polygons(far_wall.difference(strip)))
+    wrong = rooms.redraw(wrong, 1, 0, polygons(floor.union(strip)))
+    spoiled = solved([], [], SEEN, scene=wrong)
     (far,) = (proposed for proposed in propose(spoiled, 1).elements if proposed.element.id == "wall_4")
     assert off(far.element.amodal, rooms.draw(rooms.FAR.corners, nearer)) < 0.05
 
@@ -83,7 +88,7 @@ def test_what_another_drawing_contradicts_is_not_filled() -> None:
         outline = rooms.draw(screen.corners, camera)
         around = polygons(rooms.draw(rooms.FAR.corners, camera).difference(outline))
         drawings.append([("wall", around), ("wall", outline)][: 2 if camera is left else 1])
-    cut = left.width - 60
+    cut = 420
     drawings[0] = [
         (label, polygons(region.intersection(rooms.pixels(0, 0, cut, 480)))) for label, region in drawings[0]
     ]
@@ -91,8 +96,13 @@ def test_what_another_drawing_contradicts_is_not_filled() -> None:
     far, cut_off = rooms.instances_of((rooms.FAR, screen), 2)
     instances = (far, replace(cut_off, members=((0, 1),)))
     solution = solved([], [WIDE], (rooms.FAR, screen), scene=scene, instances=instances)
-    found = by_name(propose(solution, 2))
-    assert off(found["wall_1"].element.amodal, rooms.draw(screen.corners, WIDE)) < 0.1
+    seen = seen_instances(solution, FillConfig())
+    grown = filled(solution, seen, solution.layout.extents, [0, 1], FillConfig())[1]
+    ends = [point[0] for rings in grown.frame.rings_to_world(grown.region) for ring in rings for point in ring]
+    assert max(ends) == pytest.approx(2.4)
+    assert grown.region.area == pytest.approx(1.2, rel=0.01)
+    alone = filled(solution, seen, solution.layout.extents, [0], FillConfig())[1]
+    assert alone.region.area > 10 * grown.region.area
 
 
 def test_the_nearest_drawing_says_where_a_line_lies() -> None:
