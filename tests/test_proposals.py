@@ -87,7 +87,8 @@ def test_what_another_drawing_contradicts_is_not_filled() -> None:
     for camera in (left, NARROW):
         outline = rooms.draw(screen.corners, camera)
         around = polygons(rooms.draw(rooms.FAR.corners, camera).difference(outline))
-        drawings.append([("wall", around), ("wall", outline)][: 2 if camera is left else 1])
+        both: list[rooms.Drawing] = [("wall", around), ("wall", outline)]
+        drawings.append(both if camera is left else both[:1])
     cut = 420
     drawings[0] = [
         (label, polygons(region.intersection(rooms.pixels(0, 0, cut, 480)))) for label, region in drawings[0]
