@@ -11,6 +11,7 @@ import rooms
 
 from gtlayout.config import Config
 from gtlayout.extent.extents import compute_extents
+from gtlayout.instances import Instance
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.planes.estimate import Estimate
@@ -30,12 +31,13 @@ def solved(
     surfaces: Sequence[rooms.Surface] = SEEN,
     sigma: float = 0.0,
     scene: Scene | None = None,
+    instances: tuple[Instance, ...] | None = None,
 ) -> Solution:
     """As if solved without error: key frames by ``drawn``, then frames without drawings."""
     scene = scene or rooms.seen_from(drawn, surfaces)
     frames = (*scene.frames, *(Frame(f"x{k}.png", scene.root, camera) for k, camera in enumerate(others)))
     scene = replace(scene, frames=frames)
-    instances = rooms.instances_of(surfaces, len(scene.key_frames))
+    instances = instances or rooms.instances_of(surfaces, len(scene.key_frames))
     planes = tuple(surface.plane for surface in surfaces)
     covariance = sigma**2 * np.diag(np.tile([0.0, 0.0, 0.0, 1.0], len(planes)))
     planes = tuple(replace(plane, covariance=covariance[:4, :4]) for plane in planes)

@@ -18,14 +18,16 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Plane
-from gtlayout.proposals.config import ProposalConfig, SnapConfig
+from gtlayout.proposals.config import FillConfig, ProposalConfig, SnapConfig
 from gtlayout.proposals.cover import cover
-from gtlayout.proposals.fill import wedges_over_open
+from gtlayout.proposals.edges import LEFT_SNAPPED
+from gtlayout.proposals.fill import filled, wedges_over_open
 from gtlayout.proposals.line_sigma import contact_sigma, drawn_sigma, probability_within
 from gtlayout.proposals.order import next_frames
 from gtlayout.proposals.outlines import segments
 from gtlayout.proposals.proposal import Proposal, ProposedElement
 from gtlayout.proposals.propose import propose
+from gtlayout.proposals.seen import seen_instances
 from gtlayout.proposals.snapping import image_lines, line_beside, snap
 from gtlayout.scene import Frame, ImageArray, KeyFrame, Scene
 
@@ -65,11 +67,43 @@ def test_only_what_was_drawn_ends_what_is_proposed() -> None:
 
 
 def test_a_key_frame_is_proposed_as_if_it_were_not_drawn() -> None:
-    scene = rooms.seen_from([NARROW, WIDE], SEEN)
-    wrong = polygons(rooms.draw(rooms.FAR.corners, WIDE).buffer(-20))
-    spoiled = solved([], [], SEEN, scene=rooms.redraw(scene, 1, 4, wrong))
+    nearer = rooms.level_camera((2.0, 2.0, 1.25), focal=200.0, width=640, height=480)
+    scene = rooms.seen_from([NARROW, nearer], SEEN)
+    # Its own drawing lets the floor go up into the far wall.
+    far_wall, floor = (rooms.draw(surface.corners, nearer) for surface in (rooms.FAR, rooms.FLOOR))
+    strip = far_wall.intersection(rooms.pixels(0, 290, 640, 480))
+    wrong = rooms.redraw(scene, 1, 4, polygons(far_wall.difference(strip)))
+    wrong = rooms.redraw(wrong, 1, 0, polygons(floor.union(strip)))
+    spoiled = solved([], [], SEEN, scene=wrong)
     (far,) = (proposed for proposed in propose(spoiled, 1).elements if proposed.element.id == "wall_4")
-    assert off(far.element.amodal, rooms.draw(rooms.FAR.corners, WIDE)) < 0.05
+    assert off(far.element.amodal, rooms.draw(rooms.FAR.corners, nearer)) < 0.05
+
+
+def test_what_another_drawing_contradicts_is_not_filled() -> None:
+    """The first image cuts a screen off; the second shows the wall behind, to the right of where the screen ends."""
+    screen = rooms.Surface("wall", rooms.rectangle([1.4, 4.0, 0.5], [1.0, 0, 0], [0, 0, 1.2]))
+    left = rooms.level_camera((0.9, 0.6, 1.25), focal=300.0, width=640, height=480)
+    drawings: list[list[rooms.Drawing]] = []
+    for camera in (left, NARROW):
+        outline = rooms.draw(screen.corners, camera)
+        around = polygons(rooms.draw(rooms.FAR.corners, camera).difference(outline))
+        both: list[rooms.Drawing] = [("wall", around), ("wall", outline)]
+        drawings.append(both if camera is left else both[:1])
+    cut = 420
+    drawings[0] = [
+        (label, polygons(region.intersection(rooms.pixels(0, 0, cut, 480)))) for label, region in drawings[0]
+    ]
+    scene = rooms.make_scene([replace(left, width=cut), NARROW], drawings)
+    far, cut_off = rooms.instances_of((rooms.FAR, screen), 2)
+    instances = (far, replace(cut_off, members=((0, 1),)))
+    solution = solved([], [WIDE], (rooms.FAR, screen), scene=scene, instances=instances)
+    seen = seen_instances(solution, FillConfig())
+    grown = filled(solution, seen, solution.layout.extents, [0, 1], FillConfig())[1]
+    ends = [point[0] for rings in grown.frame.rings_to_world(grown.region) for ring in rings for point in ring]
+    assert max(ends) == pytest.approx(2.4)
+    assert grown.region.area == pytest.approx(1.2, rel=0.01)
+    alone = filled(solution, seen, solution.layout.extents, [0], FillConfig())[1]
+    assert alone.region.area > 10 * grown.region.area
 
 
 def test_the_nearest_drawing_says_where_a_line_lies() -> None:
@@ -157,14 +191,27 @@ SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
             Polygon([(1, 1), (2, 1), (1.5, 1.5)]),
         ),
         (SQUARE, [False] * 4, shapely.box(-5, -5, 6, 6)),
+        (
+            np.array([[0, 0], [3, 0], [2.8, 4], [0.2, 4.0]]),
+            [True, True, False, True],
+            Polygon(
+                [
+                    (0.2, 4),
+                    (2.8, 4),
+                    (2.8 - 5 / np.hypot(1, 20), 4 + 100 / np.hypot(1, 20)),
+                    (0.2 + 5 / np.hypot(1, 20), 4 + 100 / np.hypot(1, 20)),
+                ]
+            ),
+        ),
     ],
-    ids=["straight on", "to where they meet", "all round"],
+    ids=["straight on", "to where they meet", "all round", "they would meet too far away"],
 )
 def test_open_edges_go_on_between_closed_ones(
     ring: np.ndarray[Any, Any], closed: list[bool], expected: Polygon
 ) -> None:
     found = shapely.union_all(list(wedges_over_open(ring, np.array(closed), 5.0, None)))
-    assert found.symmetric_difference(expected).area == pytest.approx(0, abs=1e-9)
+    # A fan ends in an arc, not in a chord.
+    assert found.symmetric_difference(expected).area == pytest.approx(0, abs=0.01)
 
 
 def test_one_closed_edge_bounds_a_half_plane() -> None:
@@ -298,6 +345,7 @@ def test_what_was_moved_says_where_it_was() -> None:
     for edge in changed:
         assert edge.unsnapped_px is not None
         assert tuple(np.ravel(edge.unsnapped_px)) in before
+        assert edge.confidence == LEFT_SNAPPED[edge.kind]
     floor = by_name(moved)["floor_0"].element.amodal
     assert floor.bounds[1] == pytest.approx(row, abs=0.7)
     assert len(plain.elements) == len(moved.elements)

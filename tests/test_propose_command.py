@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,8 @@ from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.pixels.turn import AS_STORED, Turn
 from gtlayout.method import solve
-from gtlayout.scene import Element, Frame, KeyFrame
+from gtlayout.observer import Observer
+from gtlayout.scene import Element, Frame, KeyFrame, Scene
 from gtlayout.solution import Solution
 
 LENS = Undistortion("OPENCV", 640, 480, (500.0, 500.0, 320.0, 240.0, -0.2, 0.05, 0.001, -0.001))
@@ -47,23 +47,27 @@ def proposed(room: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = json.loads((folder / "annotations.json").read_text())
     kept = {"image": "000020.jpg", "elements": [], "note": "mine"}
     write_json_atomic(folder / "annotations.json", {"owner": "Ada", **data, "drafts": [kept, {"image": "000004.jpg"}]})
-    assert main(["propose", str(folder), "--frames", "000004.jpg", "7"]) == 0
-    with solved_once(room):
+    with solved_once():
+        assert main(["propose", str(folder), "--frames", "000004.jpg", "7"]) == 0
         assert main(["propose", str(folder), "--frames", "000004.jpg", "7", "--to", "cvat"]) == 0
     return folder
 
 
+_SOLUTIONS: list[Solution] = []
+
+
 @contextmanager
-def solved_once(room: Path) -> Iterator[None]:
-    """Solves take seconds, and what is written does not depend on how often they are made."""
+def solved_once() -> Iterator[None]:
+    """The first solve is made; it takes seconds, and all others here are of the same drawings."""
+
+    def once(scene: Scene, observer: Observer) -> Solution:
+        if not _SOLUTIONS:
+            _SOLUTIONS.append(solve(scene, observer=observer))
+        return _SOLUTIONS[0]
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gtlayout.cli.propose.solve", lambda _scene, observer: _solution(room))
+        patch.setattr("gtlayout.cli.propose.solve", once)
         yield
-
-
-@cache
-def _solution(room: Path) -> Solution:
-    return solve(load(room))
 
 
 def drafts_of(folder: Path) -> list[dict[str, Any]]:
@@ -147,7 +151,7 @@ def test_drawings_of_another_tool_are_left_alone(
     (folder / "annotations.json").unlink()
     xml = shutil.move(folder / "gtlayout" / "proposals_cvat.xml", folder / "task.xml")
     before = Path(xml).read_bytes()
-    with solved_once(room):
+    with solved_once():
         assert main(["propose", str(folder), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert Path(xml).read_bytes() == before

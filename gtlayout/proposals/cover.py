@@ -49,8 +49,10 @@ def cover(
 
 def _gaps(regions: Mapping[int, MultiPolygon], image: Polygon, width_px: float) -> list[BaseGeometry]:
     free = polygons(image.difference(shapely.union_all(list(regions.values()))))
-    inner = free.buffer(-width_px / 2, join_style="mitre")
-    return list(polygons(free.difference(inner.buffer(width_px / 2 + _GRID_PX, join_style="mitre"))).geoms)
+    with np.errstate(divide="ignore", invalid="ignore"):  # GEOS, where corners all but coincide
+        inner = free.buffer(-width_px / 2, join_style="mitre")
+        wide = inner.buffer(width_px / 2 + _GRID_PX, join_style="mitre")
+    return list(polygons(free.difference(wide)).geoms)
 
 
 def _simplified(regions: Mapping[int, MultiPolygon], image: Polygon, step_px: float) -> dict[int, MultiPolygon]:

@@ -26,7 +26,7 @@ _MOVED_PX = 1e-6
 """Corners that differ by less were not moved."""
 LEFT: Mapping[EdgeKind, float] = {"contact": 0.83, "occlusion": 0.62, "side": 0.78, "open": 0.2, "border": 0.75}
 """Share of the edges of each kind that were left though their lines were known: corners may be elsewhere. Measured on
-the four clips of eval/results/proposals, video order and spread together; nothing was held out."""
+four real clips by eval/proposals.py, video order and spread together; nothing was held out."""
 LEFT_SNAPPED: Mapping[EdgeKind, float] = {"contact": 0.88, "occlusion": 0.73, "side": 0.74, "open": 0.4, "border": 0.75}
 """The same for edges that were moved to a line of the image, whatever σ they had."""
 

@@ -146,7 +146,8 @@ def _without_crumbs(region: MultiPolygon, camera: Camera, config: ProposalConfig
     """The region without threads and small pieces, which nobody would draw; it may be empty."""
     half = config.min_width_px * camera.annotation_scale / 2
     # Mitred, so that corners come back where they were.
-    opened = region.buffer(-half, join_style="mitre").buffer(half, join_style="mitre").intersection(region)
+    with np.errstate(divide="ignore", invalid="ignore"):  # GEOS, where corners all but coincide
+        opened = region.buffer(-half, join_style="mitre").buffer(half, join_style="mitre").intersection(region)
     least = config.min_area * camera.width * camera.height
     return MultiPolygon([part for part in polygons(opened).geoms if part.area >= least])
 
