@@ -48,9 +48,6 @@ class LastingMemory(Memory):
             self._kept[key] = make()
         return self._kept[key]
 
-    def __len__(self) -> int:
-        return len(self._kept)
-
     def forget_unused(self) -> None:
         """Drop what was not asked for since the last call."""
         self._kept = {key: value for key, value in self._kept.items() if key in self._used}
