@@ -6,6 +6,7 @@ as one factor graph.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -20,6 +21,7 @@ from gtlayout.edges import contact_edges
 from gtlayout.extent.dimensions import room_dimensions
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import with_sigma_depth
+from gtlayout.instances import Extent
 from gtlayout.layout import Layout
 from gtlayout.memory import Memory
 from gtlayout.mesh import build_mesh
@@ -30,7 +32,7 @@ from gtlayout.prepared.canonical import canonical
 from gtlayout.prepared.measurements import Prepared
 from gtlayout.quality.assess import assess
 from gtlayout.regrouping.regroup import regroup
-from gtlayout.scene import Camera, Scene
+from gtlayout.scene import Camera, Scene, shrunk
 from gtlayout.solution import Solution, best_of
 from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras
 from gtlayout.tracking.features import VideoFeatures
@@ -62,11 +64,9 @@ def solve(
 
 @dataclass(frozen=True)
 class Solved:
-    """A solution with what it was made of in the canonical form of its scene."""
+    """A solution, and what its planes were solved from."""
 
     prepared: Prepared
-    estimate: Estimate
-    """Of the first restart, in the canonical world."""
     solution: Solution
 
 
@@ -81,7 +81,7 @@ def solve_with_memory(
         run = partial(_run, prepared, first, config, stage)
         solution = best_of(run, range(config.restarts) if restarts is None else restarts)
     stage.observer.solved(solution.layout, solution.quality, solution.estimate)
-    return Solved(prepared, first, solution)
+    return Solved(prepared, solution)
 
 
 def prepare(scene: Scene, config: Config, stage: Stages | None = None, memory: Memory | None = None) -> Prepared:
@@ -152,7 +152,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None, memory: M
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
     with stage("edges"):
-        edges = contact_edges(scene, instances, config.edges)
+        edges = contact_edges(scene, instances, config.edges, memory)
     warnings = (*tracks.warnings, *wrong)
     return Prepared(
         scene,
@@ -192,18 +192,31 @@ def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None
         return estimate(prepared, config.estimation, config.seed + restart)
 
 
-def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages | None = None) -> Solution:
-    """Stages 5 to 7, in the given world: extents, mesh and quality of solved planes."""
+def lay_out(
+    prepared: Prepared,
+    solved: Estimate,
+    config: Config,
+    stage: Stages | None = None,
+    known: Mapping[int, Extent] | None = None,
+    shrink: float = 1.0,
+) -> Solution:
+    """Stages 5 to 7, in the given world: extents, mesh and quality of solved planes.
+
+    Extents that are ``known``, by the index of their instance, stay. Quality is judged on images that are smaller by
+    the factor ``shrink``.
+    """
     stage = stage or Stages()
     scene, instances = prepared.given_scene, prepared.given_instances
     estimated = solved.to_world(prepared.form.similarity, prepared.form.anchor)
     planes = with_sigma_depth(scene, instances, estimated.planes)
     with stage("extents"):
-        extents = compute_extents(scene, instances, planes, prepared.edges, config.extent, estimated.contact_offsets)
+        extents = compute_extents(
+            scene, instances, planes, prepared.edges, config.extent, estimated.contact_offsets, known
+        )
     with stage("mesh"):
         mesh = build_mesh(instances, extents)
     with stage("quality"):
-        quality = assess(scene, instances, planes, extents, config.quality)
+        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality)
     dimensions = room_dimensions(instances, planes, extents, estimated.covariance)
     return Solution(
         scene=replace(scene, warnings=(*scene.warnings, *prepared.warnings, *estimated.warnings)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from shapely import MultiPolygon
@@ -26,6 +26,7 @@ def compute_extents(
     edges: Sequence[ContactEdge],
     config: ExtentConfig,
     contact_offsets: ContactOffsets | None = None,
+    known: Mapping[int, Extent] | None = None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
@@ -33,43 +34,36 @@ def compute_extents(
     both end where the cameras see the drawn one.
 
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
-    planes get empty regions. An extent ends where the depth is unknown.
+    planes get empty regions. An extent ends where the depth is unknown. Those that are ``known``, by the index of their
+    instance, stay.
     """
+    known = known or {}
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [_plane_frame(plane, scene) for plane in planes]
-    drawn = [
-        tidy(faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config).agreed(), grid, config)
+    sought = [i for i in range(len(instances)) if i not in known]
+    drawn = {
+        i: tidy(faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config).agreed(), grid, config)
         if planes[i].observable
         else MultiPolygon()
-        for i in range(len(instances))
-    ]
-    unrefined = [
-        _ended(region, plane, frame, [scene.frame_of(k).camera for k, _ in instance.members], grid, config)
-        for region, plane, frame, instance in zip(drawn, planes, frames, instances, strict=True)
-    ]
+        for i in sought
+    }
+    unrefined = {i: _ended(drawn[i], planes[i], frames[i], _cameras(scene, instances[i]), grid, config) for i in sought}
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
     shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
-    regions = [
-        tidy(
-            refine(
-                region,
-                frames[i],
-                [
-                    Neighbour(planes[j], contact, shifts.get((i, j), 0.0))
-                    for (k, j), contact in touching.items()
-                    if k == i
-                ],
-                grid,
-                config,
-            ),
-            grid,
-            config,
-        )
-        for i, region in enumerate(unrefined)
-    ]
-    unknown = [max(all_of_it.area - rest.area, 0.0) for all_of_it, rest in zip(drawn, unrefined, strict=True)]
-    return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, unknown, strict=True))
+    found = dict(known)
+    for i in sought:
+        neighbours = [
+            Neighbour(planes[j], contact, shifts.get((i, j), 0.0)) for (k, j), contact in touching.items() if k == i
+        ]
+        region = tidy(refine(unrefined[i], frames[i], neighbours, grid, config), grid, config)
+        found[i] = Extent(frames[i], region, unrefined[i], max(drawn[i].area - unrefined[i].area, 0.0))
+    return tuple(found[i] for i in range(len(instances)))
+
+
+def _cameras(scene: Scene, instance: Instance) -> list[Camera]:
+    """Of the key frames that show the instance."""
+    return [scene.frame_of(k).camera for k, _ in instance.members]
 
 
 def extents_without(

@@ -39,6 +39,11 @@ def start_without_wrong_contacts(
             return kept, planes
 
 
+def without_wrong_contacts(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Evidence:
+    """Evidence without the contact edges of pairs that disagree with all others, for (S, 4) planes near the optimum."""
+    return _without(evidence, _disagreeing(evidence, planes, config))
+
+
 def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> frozenset[Pair]:
     """The worst pair, then the worst of the others without it, and so on until all fit."""
     dropped: frozenset[Pair] = frozenset()
