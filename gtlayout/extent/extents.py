@@ -49,7 +49,7 @@ def compute_extents(
         for i in sought
     }
     unrefined = {i: _ended(drawn[i], planes[i], frames[i], _cameras(scene, instances[i]), grid, config) for i in sought}
-    touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
+    touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
     found = dict(known)
     for i in sought:

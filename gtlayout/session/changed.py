@@ -18,7 +18,7 @@ from gtlayout.prediction.predict import Prediction, predict
 from gtlayout.scene import OPENINGS, SAME_BORDER_PX, Camera, FloatArray
 from gtlayout.session.redrawing import Redrawing
 
-_STILL_SIGMAS = 0.1
+_STILL_SIGMAS = 0.2
 """A plane that moved by less than so many σ, anywhere on its extent, counts as unmoved: nobody could tell."""
 
 
