@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, unproject
 from gtlayout.geometry.polygons import half_plane, polygons
-from gtlayout.instances import Instance, Plane, PlaneFrame
+from gtlayout.instances import Instance, Member, Plane, PlaneFrame
 from gtlayout.scene import BoolArray, Camera, FloatArray, Scene
 
 _GRID_PX = 1e-9
@@ -52,6 +52,11 @@ class Faces:
         """
         return shapely.coverage_union_all(self._covered(np.arange(len(self.seen)) != key_frame))
 
+    def by_weight(self, weights: FloatArray) -> BaseGeometry:
+        """The faces that belong to the instance when key frames have (K,) weights, joined as above; 0 = no say."""
+        votes, against = weights @ self.seen, weights @ self.contradicted
+        return shapely.coverage_union_all(self.faces[(votes > 0) & (votes >= against)])
+
     def _covered(self, says: BoolArray) -> npt.NDArray[np.object_]:
         """The faces that the key frames in (K,) ``says`` give to the instance."""
         votes, against = self.seen[says].sum(axis=0), self.contradicted[says].sum(axis=0)
@@ -75,28 +80,14 @@ def faces_of(
     something else there, on or behind the plane, than see the instance. Something in front of the plane may hide the
     instance, and gives no vote; neither does an instance whose plane is unobservable, but for the host of an opening.
     """
-    plane, host = planes[index], instances[index].host
-    own = {member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members}
-    instance_of = {member: i for i, one in enumerate(instances) for member in one.members}
+    own = own_members(instances, index)
     seen: list[list[MultiPolygon]] = []
     contradicted: list[list[MultiPolygon]] = []
     for k, key_frame in enumerate(scene.key_frames):
         camera = scene.frame_of(k).camera
         mine = shapely.union_all([element.amodal for e, element in enumerate(key_frame.elements) if (k, e) in own])
-        seen.append([_lift(mine, plane, camera, frame, max_depth, config)])
-        contradicted.append([])
-        for e, element in enumerate(key_frame.elements):
-            other = instance_of.get((k, e))
-            if other is None or (k, e) in own or not (planes[other].observable or other == host):
-                continue
-            # On a fine grid, and repaired: neighbours drawn with the same corners leave needles that GEOS trips over.
-            region = polygons(shapely.difference(element.amodal, mine, grid_size=_GRID_PX))
-            if other != host and not region.is_empty:
-                not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
-                    planes[other], camera
-                )
-                region = region.intersection(half_plane(not_nearer, region))
-            contradicted[k].append(_lift(region, plane, camera, frame, max_depth, config))
+        seen.append([lift(mine, planes[index], camera, frame, max_depth, config)])
+        contradicted.append(contradicting(scene, instances, index, planes, k, frame, max_depth, config))
     if all(region.is_empty for (region,) in seen):
         none = np.zeros((len(seen), 0), dtype=bool)
         return Faces(np.empty(0, dtype=object), none, none, grid)
@@ -108,7 +99,44 @@ def faces_of(
     return Faces(faces, _within(seen, inside), _within(contradicted, inside), grid)
 
 
-def _lift(
+def own_members(instances: Sequence[Instance], index: int) -> set[Member]:
+    """The elements of an instance, and of the openings in it."""
+    return {member for i, one in enumerate(instances) if index in (i, one.host) for member in one.members}
+
+
+def contradicting(
+    scene: Scene,
+    instances: Sequence[Instance],
+    index: int,
+    planes: Sequence[Plane],
+    key_frame: int,
+    frame: PlaneFrame,
+    max_depth: float,
+    config: ExtentConfig,
+) -> list[MultiPolygon]:
+    """Where one key frame shows something else than an instance, on or behind its plane; in its frame."""
+    plane, host, camera = planes[index], instances[index].host, scene.frame_of(key_frame).camera
+    own = own_members(instances, index)
+    elements = scene.key_frames[key_frame].elements
+    mine = shapely.union_all([element.amodal for e, element in enumerate(elements) if (key_frame, e) in own])
+    instance_of = {member: i for i, one in enumerate(instances) for member in one.members}
+    found = []
+    for e, element in enumerate(elements):
+        other = instance_of.get((key_frame, e))
+        if other is None or (key_frame, e) in own or not (planes[other].observable or other == host):
+            continue
+        # On a fine grid, and repaired: neighbours drawn with the same corners leave needles that GEOS trips over.
+        region = polygons(shapely.difference(element.amodal, mine, grid_size=_GRID_PX))
+        if other != host and not region.is_empty:
+            not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
+                planes[other], camera
+            )
+            region = region.intersection(half_plane(not_nearer, region))
+        found.append(lift(region, plane, camera, frame, max_depth, config))
+    return found
+
+
+def lift(
     region_px: BaseGeometry, plane: Plane, camera: Camera, frame: PlaneFrame, max_depth: float, config: ExtentConfig
 ) -> MultiPolygon:
     """An image region on the plane, in its frame."""

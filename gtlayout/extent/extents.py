@@ -40,7 +40,7 @@ def compute_extents(
     known = known or {}
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
-    frames = [_plane_frame(plane, scene) for plane in planes]
+    frames = [plane_frame(plane, scene) for plane in planes]
     sought = [i for i in range(len(instances)) if i not in known]
     drawn = {
         i: tidy(faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config).agreed(), grid, config)
@@ -48,7 +48,7 @@ def compute_extents(
         else MultiPolygon()
         for i in sought
     }
-    unrefined = {i: _ended(drawn[i], planes[i], frames[i], _cameras(scene, instances[i]), grid, config) for i in sought}
+    unrefined = {i: ended(drawn[i], planes[i], frames[i], _cameras(scene, instances[i]), grid, config) for i in sought}
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
     found = dict(known)
@@ -82,19 +82,19 @@ def extents_without(
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     by_instance = []
     for i, (plane, instance) in enumerate(zip(planes, instances, strict=True)):
-        frame = _plane_frame(plane, scene)
+        frame = plane_frame(plane, scene)
         regions = [MultiPolygon()] * len(key_frames)
         if plane.observable:
             faces = faces_of(scene, instances, i, planes, frame, max_depth, grid, config)
             for number, k in enumerate(key_frames):
                 cameras = [scene.frame_of(other).camera for other, _ in instance.members if other != k]
                 drawn = tidy(faces.agreed_without(k), grid, config)
-                regions[number] = _ended(drawn, plane, frame, cameras, grid, config)
+                regions[number] = ended(drawn, plane, frame, cameras, grid, config)
         by_instance.append([Extent(frame, region, region) for region in regions])
     return tuple(zip(*by_instance, strict=True))
 
 
-def _ended(
+def ended(
     region: MultiPolygon, plane: Plane, frame: PlaneFrame, cameras: Sequence[Camera], grid: float, config: ExtentConfig
 ) -> MultiPolygon:
     """The part of the region whose depth is known; ``cameras`` are those it was drawn in."""
@@ -102,7 +102,7 @@ def _ended(
     return region if known is region else tidy(known, grid, config)
 
 
-def _plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:
+def plane_frame(plane: Plane, scene: Scene) -> PlaneFrame:
     """A frame whose origin lies opposite the cameras' mean position, so that coordinates stay small."""
     centre = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
     origin = centre - (plane.normal @ centre + plane.d) * plane.normal
