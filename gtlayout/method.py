@@ -198,12 +198,13 @@ def lay_out(
     config: Config,
     stage: Stages | None = None,
     known: Mapping[int, Extent] | None = None,
+    drawn_before: Mapping[int, Extent] | None = None,
     shrink: float = 1.0,
 ) -> Solution:
     """Stages 5 to 7, in the given world: extents, mesh and quality of solved planes.
 
-    Extents that are ``known``, by the index of their instance, stay. Quality is judged on images that are smaller by
-    the factor ``shrink``.
+    Extents that are ``known``, by the index of their instance, stay, and of those ``drawn_before`` what is drawn.
+    Quality is judged on images that are smaller by the factor ``shrink``.
     """
     stage = stage or Stages()
     scene, instances = prepared.given_scene, prepared.given_instances

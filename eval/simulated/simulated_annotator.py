@@ -124,12 +124,13 @@ def _corrected_outline(
     outline = MultiPolygon(polygons)
     if not outline.is_valid:
         outline = wanted
-    # A wrong corner is dragged to where one is wanted; those that are left are in the way, unless on a line.
-    wrong = [corner for corner, is_free in zip(corners, free, strict=True) if is_free and _far(corner, wanted, reach)]
-    moved = min(placed, len(wrong))
+    # Corners that are left over are dragged to where one is wanted; others are in the way, unless on a line.
+    over = corners[free]
+    moved = min(placed, len(over))
+    removed = max(sum(_far(corner, wanted, reach) for corner in over) - moved, 0)
     edges = _inner_edges(wanted, camera)
     untouched = sum(bool(_distances(edge, proposed).max() <= reach) for edge in edges)
-    return outline, Effort(len(edges), untouched, moved, placed - moved, len(wrong) - moved)
+    return outline, Effort(len(edges), untouched, moved, placed - moved, removed)
 
 
 def _is_on_line(ring: FloatArray, number: int, proposed: MultiPolygon, reach: float) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from shapely import MultiPolygon
@@ -27,6 +28,7 @@ def compute_extents(
     config: ExtentConfig,
     contact_offsets: ContactOffsets | None = None,
     known: Mapping[int, Extent] | None = None,
+    drawn_before: Mapping[int, Extent] | None = None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
@@ -35,20 +37,22 @@ def compute_extents(
 
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
     planes get empty regions. An extent ends where the depth is unknown. Those that are ``known``, by the index of their
-    instance, stay.
+    instance, stay; ``drawn_before`` are only refined again.
     """
-    known = known or {}
+    known, drawn_before = known or {}, drawn_before or {}
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [plane_frame(plane, scene) for plane in planes]
     sought = [i for i in range(len(instances)) if i not in known]
-    drawn = {
-        i: tidy(faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config).agreed(), grid, config)
-        if planes[i].observable
-        else MultiPolygon()
-        for i in sought
-    }
-    unrefined = {i: ended(drawn[i], planes[i], frames[i], _cameras(scene, instances[i]), grid, config) for i in sought}
+    unrefined = dict(drawn_before)
+    for i in (i for i in sought if i not in drawn_before):
+        region = MultiPolygon()
+        if planes[i].observable:
+            faces = faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config)
+            region = tidy(faces.agreed(), grid, config)
+        cameras = [scene.frame_of(k).camera for k, _ in instances[i].members]
+        known_of_it = ended(region, planes[i], frames[i], cameras, grid, config)
+        unrefined[i] = Extent(frames[i], known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
     found = dict(known)
@@ -56,14 +60,9 @@ def compute_extents(
         neighbours = [
             Neighbour(planes[j], contact, shifts.get((i, j), 0.0)) for (k, j), contact in touching.items() if k == i
         ]
-        region = tidy(refine(unrefined[i], frames[i], neighbours, grid, config), grid, config)
-        found[i] = Extent(frames[i], region, unrefined[i], max(drawn[i].area - unrefined[i].area, 0.0))
+        region = tidy(refine(unrefined[i].unrefined, frames[i], neighbours, grid, config), grid, config)
+        found[i] = replace(unrefined[i], region=region)
     return tuple(found[i] for i in range(len(instances)))
-
-
-def _cameras(scene: Scene, instance: Instance) -> list[Camera]:
-    """Of the key frames that show the instance."""
-    return [scene.frame_of(k).camera for k, _ in instance.members]
 
 
 def extents_without(

@@ -65,19 +65,17 @@ class Change:
     cameras: Sequence[Camera]
     """(K,) of the key frames, in the world of the layout."""
 
-    def known_extents(self) -> dict[int, Extent]:
-        """The extents that stay, by the index of the instance now."""
+    def kept_extents(self) -> tuple[dict[int, Extent], dict[int, Extent]]:
+        """The extents that stay, by the index of the instance now, and those of which only neighbours changed."""
         away = {i for i, still in enumerate(self.still) if not still}
-        moved = away | self._redrawn_instances() | self._with_other_contacts() | self._where_drawing_changed()
-        moved |= {i for edge in self.edges for i in edge.instances if set(edge.instances) & away}
-        for i, instance in enumerate(self.instances):
-            if instance.host is not None and i in moved:
-                moved.add(instance.host)
-        known = {}
-        for i, origin in enumerate(self.origin):
-            if origin is not None and i not in moved:
-                known[i] = self.layout.extents[origin]
-        return known
+        redrawn = away | self._redrawn_instances() | self._where_drawing_changed()
+        beside = {i for edge in self.edges for i in edge.instances if set(edge.instances) & away}
+        beside |= self._with_other_contacts()
+        hosts = {host for i in redrawn | beside if i >= 0 and (host := self.instances[i].host) is not None}
+        moved = redrawn | beside | hosts
+        before = {i: self.layout.extents[o] for i, o in enumerate(self.origin) if o is not None and i not in redrawn}
+        stay = {i: extent for i, extent in before.items() if i not in moved}
+        return stay, {i: extent for i, extent in before.items() if i in moved}
 
     def _redrawn_instances(self) -> set[int]:
         """Those with an element that is drawn otherwise, and those that lost one. A new key frame is no such change."""

@@ -116,8 +116,8 @@ class Session:
                 still,
                 cameras,
             )
-            extents = change.known_extents()
-        return Solved(prepared, lay_out(prepared, solved, config, stage, extents, _SHRINK))
+            stay, refined_again = change.kept_extents()
+        return Solved(prepared, lay_out(prepared, solved, config, stage, stay, refined_again, _SHRINK))
 
 
 def _in_order(key_frames: Sequence[KeyFrame]) -> tuple[KeyFrame, ...]:
