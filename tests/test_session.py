@@ -150,7 +150,7 @@ def test_a_moved_corner_is_solved_as_in_full(scene: Scene, session: Session, ful
     quick_area, area, before = (
         np.array([one.region.area for one in solution.layout.extents]) for solution in (quick, found, full)
     )
-    np.testing.assert_allclose(quick_area, area, rtol=0.01)
+    np.testing.assert_allclose(quick_area, area, rtol=0.02)
     # … which the drawing before had otherwise.
     assert np.abs(quick_area / before - 1).max() > 0.001
 
