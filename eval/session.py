@@ -137,25 +137,24 @@ def timed(make: Callable[[], T]) -> tuple[T, float]:
 
 
 def with_moved_vertex(key_frames: Sequence[KeyFrame], rng: np.random.Generator) -> tuple[KeyFrame, ...]:
-    """The drawings with one corner of one key frame moved, in all outlines that share it."""
+    """The drawings with one corner of one key frame moved, in all outlines that share it; none crosses itself."""
     changed = list(key_frames)
     k = int(rng.integers(len(changed)))
     elements = changed[k].elements
     corners = np.concatenate([shapely.get_coordinates(element.amodal) for element in elements])
-    corner, step = corners[rng.integers(len(corners))], rng.normal(0.0, MOVE_PX, 2)
+    while True:
+        corner, step = corners[rng.integers(len(corners))], rng.normal(0.0, MOVE_PX, 2)
+        moved = tuple(_with_moved(element, corner, step) for element in elements)
+        if all(element.amodal.is_valid for element in moved):
+            changed[k] = replace(changed[k], elements=moved)
+            return tuple(changed)
 
+
+def _with_moved(element: Element, corner: FloatArray, step: FloatArray) -> Element:
     def moved(px: FloatArray) -> FloatArray:
-        here = np.linalg.norm(px - corner, axis=1) < ONE_PLACE_PX
-        return px + here[:, None] * step
+        return px + (np.linalg.norm(px - corner, axis=1) < ONE_PLACE_PX)[:, None] * step
 
-    changed[k] = replace(changed[k], elements=tuple(_valid(element, moved) for element in elements))
-    return tuple(changed)
-
-
-def _valid(element: Element, moved: Callable[[FloatArray], FloatArray]) -> Element:
-    """The element with its outline changed; as it is where that would cross itself."""
-    outline = shapely.transform(element.amodal, moved)
-    return replace(element, amodal=outline) if outline.is_valid else element
+    return replace(element, amodal=shapely.transform(element.amodal, moved))
 
 
 def difference(quick: Solution, full: Solution) -> Difference:
