@@ -34,17 +34,18 @@ def unproject_edges(
     edges: Sequence[ContactEdge],
     max_depth: float,
     config: ExtentConfig,
-    sought: Collection[int],
+    sought: Collection[int] | None = None,
 ) -> dict[tuple[int, int], BaseGeometry]:
-    """The contact edges in i's frame for each ordered pair (i, j) that touches, for each i that is ``sought``.
+    """The contact edges in i's frame for each ordered pair (i, j) that touches. A door's count for its host as well.
 
-    A door's count for its host as well.
+    Only for each i that is ``sought``, all when not given.
     """
     lines: dict[tuple[int, int], list[BaseGeometry]] = {}
+    wanted = set(range(len(instances)) if sought is None else sought)
     for edge in edges:
         camera = scene.frame_of(edge.key_frame).camera
         for first, second in (edge.instances, edge.instances[::-1]):
-            owners = {first, instances[first].host} & set(sought)
+            owners = {first, instances[first].host} & wanted
             if not owners:
                 continue
             plane, host_of_second = planes[first], instances[second].host
