@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +13,7 @@ from shapely import LineString, MultiLineString
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.instances import Instance
+from gtlayout.memory import Memory
 from gtlayout.scene import SAME_BORDER_PX, Camera, Element, FloatArray, KeyFrame, Scene
 
 _MOST_CANDIDATES = 64
@@ -50,26 +52,41 @@ class ContactEdge:
     """(N, 2) samples in order along it; a part that is hidden leaves a gap."""
 
 
-def contact_edges(scene: Scene, instances: Sequence[Instance], config: EdgeConfig) -> tuple[ContactEdge, ...]:
+def contact_edges(
+    scene: Scene, instances: Sequence[Instance], config: EdgeConfig, memory: Memory | None = None
+) -> tuple[ContactEdge, ...]:
     """All contact edges of all key frames, one per (key frame, pair of instances).
 
     Boundaries within reach of an occlusion edge or of the image border are left out, and pairs that only touch at a
-    point.
+    point. ``memory`` keeps those of each key frame.
     """
-    edges = []
+    memory, edges = memory or Memory(), []
     for k, key_frame in enumerate(scene.key_frames):
         members = {
             element: i for i, instance in enumerate(instances) for frame, element in instance.members if frame == k
         }
         camera = scene.frame_of(k).camera
-        own = EdgeConfig(*(value * camera.annotation_scale for value in astuple(config)))
-        excluded = _no_contact(key_frame, camera, own)
-        for a, b in combinations(sorted(members), 2):
-            points_px = _shared_boundary(key_frame.elements[a], key_frame.elements[b], excluded, own)
-            points_px = _on_one_line(points_px, own.straightness_px)
-            if len(points_px) >= own.min_length_px / own.step_px:
-                edges.append(ContactEdge(k, (members[a], members[b]), points_px))
+        drawn = key_frame.elements, key_frame.occlusion_edges, camera.width, camera.height, config
+        contacts = memory.of("contacts of a key frame", drawn, partial(_contacts, key_frame, camera, config))
+        edges += [
+            ContactEdge(k, (members[a], members[b]), points_px)
+            for a, b, points_px in contacts
+            if a in members and b in members
+        ]
     return tuple(edges)
+
+
+def _contacts(key_frame: KeyFrame, camera: Camera, config: EdgeConfig) -> list[tuple[int, int, FloatArray]]:
+    """Two elements of a key frame and the (N, 2) samples of the line on which they touch, px, for all that do."""
+    own = EdgeConfig(*(value * camera.annotation_scale for value in astuple(config)))
+    excluded = _no_contact(key_frame, camera, own)
+    found = []
+    for a, b in combinations(range(len(key_frame.elements)), 2):
+        points_px = _shared_boundary(key_frame.elements[a], key_frame.elements[b], excluded, own)
+        points_px = _on_one_line(points_px, own.straightness_px)
+        if len(points_px) >= own.min_length_px / own.step_px:
+            found.append((a, b, points_px))
+    return found
 
 
 def _no_contact(key_frame: KeyFrame, camera: Camera, config: EdgeConfig) -> BaseGeometry:

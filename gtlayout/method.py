@@ -6,7 +6,8 @@ as one factor graph.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
 from threadpoolctl import threadpool_limits
@@ -20,7 +21,9 @@ from gtlayout.edges import contact_edges
 from gtlayout.extent.dimensions import room_dimensions
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import with_sigma_depth
+from gtlayout.instances import Extent
 from gtlayout.layout import Layout
+from gtlayout.memory import Memory
 from gtlayout.mesh import build_mesh
 from gtlayout.observer import Observer, Stages
 from gtlayout.planes.estimate import Estimate
@@ -29,12 +32,13 @@ from gtlayout.prepared.canonical import canonical
 from gtlayout.prepared.measurements import Prepared
 from gtlayout.quality.assess import assess
 from gtlayout.regrouping.regroup import regroup
-from gtlayout.scene import Scene
+from gtlayout.scene import Camera, Scene, shrunk
 from gtlayout.solution import Solution, best_of
-from gtlayout.tracking.bundle_adjustment import refine_cameras
+from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras
 from gtlayout.tracking.features import VideoFeatures
 from gtlayout.tracking.image_matches import camera_evidence
 from gtlayout.tracking.track import track
+from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import triangulate
 from gtlayout.tracking.wide_baseline import with_wide_baselines
 
@@ -55,49 +59,92 @@ def solve(
     Raises ``GtlayoutError`` when the scene cannot be solved. The result is deterministic in ``scene`` and ``config`` on
     one kind of processor. Between processors with AVX2 planes differ by less than 1e-9, and all decisions are the same.
     """
-    config, stage = config or Config(), Stages(observer or Observer())
+    return solve_with_memory(scene, config or Config(), Memory(), observer, restarts).solution
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A solution, and what its planes were solved from."""
+
+    prepared: Prepared
+    solution: Solution
+
+
+def solve_with_memory(
+    scene: Scene, config: Config, memory: Memory, observer: Observer | None = None, restarts: range | None = None
+) -> Solved:
+    """As ``solve``, with what ``memory`` keeps of earlier solves of the scene, and with what is needed to go on."""
+    stage = Stages(observer or Observer())
     # OpenBLAS sums in another order with each number of threads. The same bytes need one thread.
     with threadpool_limits(limits=1, user_api="blas"):
-        prepared, first = _regrouped(prepare(scene, config, stage), config, stage)
+        prepared, first = _regrouped(prepare(scene, config, stage, memory), config, stage)
         run = partial(_run, prepared, first, config, stage)
         solution = best_of(run, range(config.restarts) if restarts is None else restarts)
     stage.observer.solved(solution.layout, solution.quality, solution.estimate)
-    return solution
+    return Solved(prepared, solution)
 
 
-def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepared:
-    """Stages 1 to 3: everything that planes are solved from.
+def prepare(scene: Scene, config: Config, stage: Stages | None = None, memory: Memory | None = None) -> Prepared:
+    """Stages 1 to 3: everything that planes are solved from, with what ``memory`` keeps of earlier solves.
 
     ``solve`` calls this and the other stages with one BLAS thread. The last digits depend on the number of threads.
 
     Raises ``GtlayoutError`` when no element is annotated, or an annotated image cannot be read.
     """
     scene.require_elements()
-    stage = stage or Stages()
+    stage, memory = stage or Stages(), memory or Memory()
     stage.observer.scene(scene)
     form, cameras = canonical(scene), None
     scene = form.scene
     with stage("tracking"):
-        tracks = track(scene, config.tracking, config.seed, stage.observer.progress)
-        features = VideoFeatures.of(scene, config.features)
+        tracks = track(scene, config.tracking, config.seed, stage.observer.progress, memory=memory)
+        features = VideoFeatures.of(scene, config.features, memory=memory)
     with stage("cameras"):
-        evidence = camera_evidence(scene, features, tracks, config.tracking.sigma_px, config.image_matches)
-        doubt = find_camera_errors(scene, evidence.judges, config.camera_errors, config.triangulation, config.seed)
+        evidence = camera_evidence(scene, features, tracks, config.tracking.sigma_px, config.image_matches, memory)
+        looked_at = _views(scene), evidence.judges, config.camera_errors, config.triangulation, config.seed
+        doubt = memory.of(
+            "camera errors",
+            looked_at,
+            partial(
+                find_camera_errors, scene, evidence.judges, config.camera_errors, config.triangulation, config.seed
+            ),
+        )
         wrong = camera_error_lines(scene, doubt)
         given = scene = doubt.correct(scene)
         if config.refine_cameras:
-            rays = triangulate(scene, evidence.every, config.triangulation)
-            scene, cameras = refine_cameras(
-                scene, evidence.every, rays, config.camera_refinement, config.triangulation, config.seed
+            poses, cameras = memory.of(
+                "refined cameras",
+                (_views(scene), evidence.every, config.camera_refinement, config.triangulation, config.seed),
+                partial(_refined, scene, evidence.every, config),
             )
+            if cameras.refined:
+                frames = zip(scene.frames, poses, strict=True)
+                scene = replace(scene, frames=tuple(replace(frame, camera=camera) for frame, camera in frames))
             cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
     with stage("tracking"):
         # Features are matched along epipolar lines, which wrong cameras put elsewhere.
-        tracks = with_wide_baselines(scene, tracks, features, config.tracking, config.wide_baseline)
-        rays = triangulate(scene, tracks, config.triangulation)
+        tracks = with_wide_baselines(scene, tracks, features, config.tracking, config.wide_baseline, memory)
+        rays = memory.of(
+            "depths",
+            (_views(scene), tracks, config.triangulation),
+            lambda: triangulate(scene, tracks, config.triangulation),
+        )
     with stage("cameras"):
-        response = camera_response(
-            given, scene, evidence.judges, tracks, rays, doubt, config.triangulation, config.camera_errors, config.seed
+        response = memory.of(
+            "camera response",
+            (looked_at, _views(scene), tracks),
+            partial(
+                camera_response,
+                given,
+                scene,
+                evidence.judges,
+                tracks,
+                rays,
+                doubt,
+                config.triangulation,
+                config.camera_errors,
+                config.seed,
+            ),
         )
     stage.observer.tracks(form.given_tracks(tracks))
     if doubt.corrected or (cameras is not None and cameras.refined):
@@ -105,7 +152,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     with stage("correspondence"):
         instances, track_instance = correspond(scene, tracks, rays, config.correspondence)
     with stage("edges"):
-        edges = contact_edges(scene, instances, config.edges)
+        edges = contact_edges(scene, instances, config.edges, memory)
     warnings = (*tracks.warnings, *wrong)
     return Prepared(
         scene,
@@ -122,6 +169,18 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None) -> Prepar
     )
 
 
+def _views(scene: Scene) -> tuple[object, ...]:
+    """All of a scene that is not drawn: cameras, and which frames are annotated."""
+    return [frame.camera for frame in scene.frames], [key_frame.frame for key_frame in scene.key_frames]
+
+
+def _refined(scene: Scene, tracks: Tracks, config: Config) -> tuple[tuple[Camera, ...], CameraReport]:
+    """The cameras of a scene after bundle adjustment, and its report."""
+    rays = triangulate(scene, tracks, config.triangulation)
+    refined, report = refine_cameras(scene, tracks, rays, config.camera_refinement, config.triangulation, config.seed)
+    return tuple(frame.camera for frame in refined.frames), report
+
+
 def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None, restart: int = 0) -> Estimate:
     """Stage 4: the plane of every instance with its covariance, in the canonical world.
 
@@ -133,18 +192,32 @@ def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None
         return estimate(prepared, config.estimation, config.seed + restart)
 
 
-def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages | None = None) -> Solution:
-    """Stages 5 to 7, in the given world: extents, mesh and quality of solved planes."""
+def lay_out(
+    prepared: Prepared,
+    solved: Estimate,
+    config: Config,
+    stage: Stages | None = None,
+    known: Mapping[int, Extent] | None = None,
+    drawn_before: Mapping[int, Extent] | None = None,
+    shrink: float = 1.0,
+) -> Solution:
+    """Stages 5 to 7, in the given world: extents, mesh and quality of solved planes.
+
+    Extents that are ``known``, by the index of their instance, stay, and of those ``drawn_before`` what is drawn.
+    Quality is judged on images that are smaller by the factor ``shrink``.
+    """
     stage = stage or Stages()
     scene, instances = prepared.given_scene, prepared.given_instances
     estimated = solved.to_world(prepared.form.similarity, prepared.form.anchor)
     planes = with_sigma_depth(scene, instances, estimated.planes)
     with stage("extents"):
-        extents = compute_extents(scene, instances, planes, prepared.edges, config.extent, estimated.contact_offsets)
+        extents = compute_extents(
+            scene, instances, planes, prepared.edges, config.extent, estimated.contact_offsets, known
+        )
     with stage("mesh"):
         mesh = build_mesh(instances, extents)
     with stage("quality"):
-        quality = assess(scene, instances, planes, extents, config.quality)
+        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality)
     dimensions = room_dimensions(instances, planes, extents, estimated.covariance)
     return Solution(
         scene=replace(scene, warnings=(*scene.warnings, *prepared.warnings, *estimated.warnings)),

@@ -16,6 +16,7 @@ from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
@@ -199,3 +200,37 @@ class Scene:
                 f"{self.root}: no element is annotated in any frame, so there is nothing to reconstruct: draw the "
                 "surfaces of at least one frame"
             )
+
+
+def shrunk(scene: Scene, factor: float) -> Scene:
+    """The scene with the images of its key frames smaller by ``factor``, for rendering: cameras and drawings only."""
+    if factor == 1.0:
+        return scene
+    frames = list(scene.frames)
+    for key_frame in scene.key_frames:
+        frame = frames[key_frame.frame]
+        frames[key_frame.frame] = replace(frame, camera=_smaller(frame.camera, factor))
+    return replace(
+        scene,
+        frames=tuple(frames),
+        key_frames=tuple(
+            replace(
+                key_frame,
+                elements=tuple(
+                    replace(
+                        element,
+                        amodal=shapely.transform(element.amodal, lambda px: px / factor),
+                        visible=shapely.transform(element.visible, lambda px: px / factor),
+                    )
+                    for element in key_frame.elements
+                ),
+                occlusion_edges=tuple(line / factor for line in key_frame.occlusion_edges),
+            )
+            for key_frame in scene.key_frames
+        ),
+    )
+
+
+def _smaller(camera: Camera, factor: float) -> Camera:
+    width, height = (max(1, round(side / factor)) for side in (camera.width, camera.height))
+    return replace(camera, K=np.diag([1 / factor, 1 / factor, 1.0]) @ camera.K, width=width, height=height)

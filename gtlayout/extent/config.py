@@ -29,3 +29,5 @@ class ExtentConfig:
     """What is drawn nearer than a plane by more than this share of its depth may hide it. All else contradicts it."""
     min_piece: float = 0.005
     """Separate pieces and holes below this share of an extent's area are gaps between drawn polygons: dropped."""
+    arc_segments: int = 16
+    """Lines to a quarter of a circle, in what lies near a contact."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from shapely import MultiPolygon
@@ -26,6 +27,8 @@ def compute_extents(
     edges: Sequence[ContactEdge],
     config: ExtentConfig,
     contact_offsets: ContactOffsets | None = None,
+    known: Mapping[int, Extent] | None = None,
+    drawn_before: Mapping[int, Extent] | None = None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
@@ -33,43 +36,33 @@ def compute_extents(
     both end where the cameras see the drawn one.
 
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
-    planes get empty regions. An extent ends where the depth is unknown.
+    planes get empty regions. An extent ends where the depth is unknown. Those that are ``known``, by the index of their
+    instance, stay; ``drawn_before`` are only refined again.
     """
+    known, drawn_before = known or {}, drawn_before or {}
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [plane_frame(plane, scene) for plane in planes]
-    drawn = [
-        tidy(faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config).agreed(), grid, config)
-        if planes[i].observable
-        else MultiPolygon()
-        for i in range(len(instances))
-    ]
-    unrefined = [
-        ended(region, plane, frame, [scene.frame_of(k).camera for k, _ in instance.members], grid, config)
-        for region, plane, frame, instance in zip(drawn, planes, frames, instances, strict=True)
-    ]
-    touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config)
+    sought = [i for i in range(len(instances)) if i not in known]
+    unrefined = dict(drawn_before)
+    for i in (i for i in sought if i not in drawn_before):
+        region = MultiPolygon()
+        if planes[i].observable:
+            faces = faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config)
+            region = tidy(faces.agreed(), grid, config)
+        cameras = [scene.frame_of(k).camera for k, _ in instances[i].members]
+        known_of_it = ended(region, planes[i], frames[i], cameras, grid, config)
+        unrefined[i] = Extent(frames[i], known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
+    touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
-    regions = [
-        tidy(
-            refine(
-                region,
-                frames[i],
-                [
-                    Neighbour(planes[j], contact, shifts.get((i, j), 0.0))
-                    for (k, j), contact in touching.items()
-                    if k == i
-                ],
-                grid,
-                config,
-            ),
-            grid,
-            config,
-        )
-        for i, region in enumerate(unrefined)
-    ]
-    unknown = [max(all_of_it.area - rest.area, 0.0) for all_of_it, rest in zip(drawn, unrefined, strict=True)]
-    return tuple(Extent(*parts) for parts in zip(frames, regions, unrefined, unknown, strict=True))
+    found = dict(known)
+    for i in sought:
+        neighbours = [
+            Neighbour(planes[j], contact, shifts.get((i, j), 0.0)) for (k, j), contact in touching.items() if k == i
+        ]
+        region = tidy(refine(unrefined[i].unrefined, frames[i], neighbours, grid, config), grid, config)
+        found[i] = replace(unrefined[i], region=region)
+    return tuple(found[i] for i in range(len(instances)))
 
 
 def extents_without(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,12 +34,20 @@ def unproject_edges(
     edges: Sequence[ContactEdge],
     max_depth: float,
     config: ExtentConfig,
+    sought: Collection[int] | None = None,
 ) -> dict[tuple[int, int], BaseGeometry]:
-    """The contact edges in i's frame for each ordered pair (i, j) that touches. A door's count for its host as well."""
+    """The contact edges in i's frame for each ordered pair (i, j) that touches. A door's count for its host as well.
+
+    Only for each i that is ``sought``, all when not given.
+    """
     lines: dict[tuple[int, int], list[BaseGeometry]] = {}
+    wanted = set(range(len(instances)) if sought is None else sought)
     for edge in edges:
         camera = scene.frame_of(edge.key_frame).camera
         for first, second in (edge.instances, edge.instances[::-1]):
+            owners = {first, instances[first].host} & wanted
+            if not owners:
+                continue
             plane, host_of_second = planes[first], instances[second].host
             other = second if host_of_second is None else host_of_second
             drawn = _runs(edge.points_px)
@@ -47,7 +55,7 @@ def unproject_edges(
             if clipped.is_empty or not (plane.observable and planes[other].observable):
                 continue
             line = shapely.transform(clipped, lambda px: frames[first].to_plane(unproject(px, plane, camera)))  # noqa: B023
-            for mine in {first, instances[first].host}:
+            for mine in owners:
                 if mine is not None and mine != other:
                     lines.setdefault((mine, other), []).append(line)
     return {pair: shapely.union_all(lines[pair]) for pair in sorted(lines)}
@@ -92,9 +100,9 @@ def refine(
         if sine < np.sin(np.deg2rad(config.min_angle_deg)):
             continue
         line[2] -= neighbour.shift
-        touching.append((_towards(region, line, neighbour.contact), neighbour.contact))
+        touching.append((_towards(region, line, neighbour.contact, config.arc_segments), neighbour.contact))
     for line, contact in touching:
-        gap = _gap(region, line, contact)
+        gap = _gap(region, line, contact, config.arc_segments)
         if gap.area <= config.max_growth * area:
             region = straight(shapely.union(region, gap, grid_size=grid), grid)
     for line, contact in touching:
@@ -114,7 +122,7 @@ def meeting_line(neighbour: Plane, frame: PlaneFrame) -> tuple[FloatArray, float
     return line / max(sine, 1e-12), sine
 
 
-def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> FloatArray:
+def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, arc_segments: int) -> FloatArray:
     """The line's coefficients with the sign that is positive where the region meets the contact.
 
     Not where most of the region lies: the floor continues past the end of a pillar or cabinet that juts into the room.
@@ -123,7 +131,7 @@ def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> F
     # Through the contact as drawn, which borders the region even where the planes' own intersection is off.
     drawn = line - [0.0, 0.0, float(np.median(distance))]
     width = max(float(np.ptp(distance)), max(part.length for part in shapely.get_parts(contact)) / 4)
-    beside = region.intersection(buffered(contact, width, cap_style="flat"))
+    beside = region.intersection(buffered(contact, width, cap_style="flat", arc_segments=arc_segments))
     positive = beside.intersection(half_plane(drawn, shapely.union_all([region, contact])))
     return line if positive.area >= beside.area / 2 else -line
 
@@ -133,13 +141,15 @@ def _reach(line: FloatArray, contact: BaseGeometry) -> float:
     return 2 * float(np.abs(homogeneous(shapely.get_coordinates(contact)) @ line).max())
 
 
-def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry) -> MultiPolygon:
+def _gap(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, arc_segments: int) -> MultiPolygon:
     """What lies between the intersection line and the region's boundary along the contact: its shadow on the line.
 
     ``line`` (a, b, c) gives the distance to the line, positive on the region's side.
     """
     reach = _reach(line, contact)
-    boundary = region.boundary.intersection(buffered(contact, reach)).intersection(half_plane(line, region))
+    boundary = region.boundary.intersection(buffered(contact, reach, arc_segments=arc_segments)).intersection(
+        half_plane(line, region)
+    )
     quads = []
     for part in shapely.get_parts(flat(boundary)):
         points = shapely.get_coordinates(part)

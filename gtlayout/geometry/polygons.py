@@ -44,18 +44,26 @@ def flat(geometry: BaseGeometry) -> BaseGeometry:
 
 
 def buffered(
-    lines: BaseGeometry, distance: float, cap_style: Literal["round", "square", "flat"] = "round"
+    lines: BaseGeometry,
+    distance: float,
+    cap_style: Literal["round", "square", "flat"] = "round",
+    arc_segments: int = 16,
 ) -> BaseGeometry:
-    """What lies within ``distance`` of some lines, at a cost that grows no faster than n log n with their vertices."""
+    """What lies within ``distance`` of some lines, at a cost that grows no faster than n log n with their vertices.
+
+    ``arc_segments`` lines are a quarter of a circle.
+    """
     if shapely.get_num_coordinates(lines) <= _MOST_VERTICES:
-        return lines.buffer(distance, cap_style=cap_style)
+        return lines.buffer(distance, cap_style=cap_style, quad_segs=arc_segments)
     # Runs of a line share an edge: within it there are joins, and no caps.
     runs = [
         points[start : start + _RUN + 2]
         for points in map(shapely.get_coordinates, shapely.get_parts(lines))
         for start in range(0, len(points) - 1, _RUN)
     ]
-    return shapely.union_all([LineString(run).buffer(distance, cap_style=cap_style) for run in runs])
+    return shapely.union_all(
+        [LineString(run).buffer(distance, cap_style=cap_style, quad_segs=arc_segments) for run in runs]
+    )
 
 
 def homogeneous(points: FloatArray) -> FloatArray:

@@ -29,6 +29,10 @@ class Similarity:
         """The inverse of ``camera``."""
         return camera.placed(camera.R_cam_from_world @ self.R, self.points_to_world(camera.center_world))
 
+    def points(self, points_world: FloatArray) -> FloatArray:
+        """(N, 3) points of the world in the local one."""
+        return self.scale * ((points_world - self.origin) @ self.R.T)
+
     def points_to_world(self, points_local: FloatArray) -> FloatArray:
         """(..., 3) local points in the world."""
         return self.vectors_to_world(points_local) + self.origin
@@ -36,6 +40,11 @@ class Similarity:
     def vectors_to_world(self, vectors_local: FloatArray) -> FloatArray:
         """(..., 3) differences of local points in the world."""
         return vectors_local @ self.R / self.scale
+
+    def planes(self, planes_world: FloatArray) -> FloatArray:
+        """(S, 4) planes of the world in the local one."""
+        offset = self.scale * (planes_world[:, 3] + planes_world[:, :3] @ self.origin)
+        return np.column_stack([planes_world[:, :3] @ self.R.T, offset])
 
     def planes_to_world(
         self, planes_local: FloatArray, anchor: FloatArray | None = None

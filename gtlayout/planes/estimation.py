@@ -25,6 +25,7 @@ from gtlayout.planes.structural_factors import met
 from gtlayout.planes.support import supports
 from gtlayout.planes.uncertainty import Uncertainty, error_scales, plane_uncertainty
 from gtlayout.planes.views import Views
+from gtlayout.planes.warm import warm_start
 from gtlayout.prepared.measurements import Measurements
 from gtlayout.scene import Camera, FloatArray
 from gtlayout.tracking.normalisation import Normalisation
@@ -32,8 +33,11 @@ from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import camera_path
 
 
-def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Estimate:
+def estimate(measured: Measurements, config: EstimationConfig, seed: int, known: FloatArray | None = None) -> Estimate:
     """Planes of all instances with their covariance, in the world of ``measured.scene``.
+
+    With ``known`` planes of an earlier solve, (S, 4) in that world, NaN = not known, nothing is searched for but the
+    others.
 
     Raises:
         GtlayoutError: no plane at all can be determined (the camera does not move, or nothing was tracked).
@@ -48,7 +52,11 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int) -> Est
     if rays.moved_share() < config.min_moved_share:
         raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
     local = Normalisation.of(rays)
-    evidence, start = start_without_wrong_contacts(gather(measured, local, config), config, seed)
+    evidence = gather(measured, local, config)
+    if known is None:
+        evidence, start = start_without_wrong_contacts(evidence, config, seed)
+    else:
+        evidence, start = warm_start(evidence, local.planes(known), config, seed)
     if not np.isfinite(start).any():
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]

@@ -19,10 +19,18 @@ from gtlayout.scene import BoolArray, FloatArray, IntArray
 
 
 def initial_planes(
-    evidence: Evidence, depth_range: tuple[float, float], config: InitializationConfig, seed: int
+    evidence: Evidence,
+    depth_range: tuple[float, float],
+    config: InitializationConfig,
+    seed: int,
+    known: FloatArray | None = None,
 ) -> FloatArray:
-    """(S, 4) planes in the local world, normals towards the cameras; NaN for an instance without evidence."""
-    return _Search(evidence, depth_range, config, np.random.default_rng(seed)).run()
+    """(S, 4) planes in the local world, normals towards the cameras; NaN for an instance without evidence.
+
+    Those that are ``known``, (S, 4) with NaN for others, stay.
+    """
+    start = np.full((len(evidence.views), 4), np.nan) if known is None else known
+    return _Search(evidence, depth_range, config, np.random.default_rng(seed)).run(start)
 
 
 @dataclass(frozen=True)
@@ -32,13 +40,14 @@ class _Search:
     config: InitializationConfig
     rng: np.random.Generator
 
-    def run(self) -> FloatArray:
+    def run(self, known: FloatArray) -> FloatArray:
         evidence = self.evidence
         count = len(evidence.views)
-        planes = np.full((count, 4), np.nan)
+        planes = known.copy()
+        sought = np.isnan(known[:, 0])
         tracks = [self._take_part(instance) for instance in range(count)]
         support = np.array([self._support(index) for index in tracks])
-        waiting = [instance for instance in range(count) if evidence.host[instance] < 0]
+        waiting = [instance for instance in range(count) if evidence.host[instance] < 0 and sought[instance]]
         while waiting:
             placed = np.isfinite(planes[:, 0])
             joined = [sum(placed[g.other(s)] for g in evidence.edges if s in g.instances) for s in range(count)]
@@ -49,12 +58,12 @@ class _Search:
         for _ in range(self.config.sweeps):
             before = planes.copy()
             for instance in np.argsort(-support, kind="stable"):
-                if evidence.host[instance] < 0:
+                if evidence.host[instance] < 0 and sought[instance]:
                     planes[instance] = self._choose(int(instance), tracks[instance], planes)
             if np.array_equal(before, planes, equal_nan=True):
                 break
         for instance, host in enumerate(evidence.host):
-            if host >= 0:
+            if host >= 0 and sought[instance]:
                 if np.isnan(planes[host, 0]):
                     # A wall of which only the door is known is placed where the door is.
                     planes[host] = self._choose(instance, tracks[instance], planes)

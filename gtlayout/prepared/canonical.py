@@ -82,8 +82,17 @@ class Canonical:
 
 def canonical(scene: Scene) -> Canonical:
     """The canonical form of a scene that has key frames."""
-    similarity = _similarity(scene)
-    same_camera_as = _same_camera_as(scene)
+    return _in_form(scene, _similarity(scene), _same_camera_as(scene))
+
+
+def redrawn(form: Canonical, scene: Scene) -> Canonical | None:
+    """Another drawing of the scene of ``form`` in the same world, on the same frames; None where ``form`` lacks one."""
+    if any(form.same_camera_as[key_frame.frame] != key_frame.frame for key_frame in scene.key_frames):
+        return None
+    return _in_form(scene, form.similarity, form.same_camera_as)
+
+
+def _in_form(scene: Scene, similarity: Similarity, same_camera_as: tuple[int, ...]) -> Canonical:
     kept = sorted(set(same_camera_as))
     cameras = [similarity.camera(scene.frames[f].camera) for f in kept]
     if camera_path(scene) == 0.0:

@@ -16,7 +16,7 @@ from gtlayout.correspondence.matching import form_instances
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.instances import Instance, Member, Members
 from gtlayout.planes.estimate import Estimate
-from gtlayout.prepared.measurements import Prepared
+from gtlayout.prepared.measurements import Measurements, Prepared
 from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.regrouping.drawings import (
     KeyFrameMatch,
@@ -55,7 +55,7 @@ def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, exte
     wrong, messages = _wrong_drawings(scene, matches, prepared.left_out, config)
     if wrong:
         kept = [tuple(member for member in one.members if member not in wrong) for one in instances]
-        return _formed(prepared, [*kept, *((member,) for member in wrong)], (*prepared.left_out, *wrong), messages)
+        return formed(prepared, [*kept, *((member,) for member in wrong)], (*prepared.left_out, *wrong), messages)
     groups: list[Members] = [instance.members for instance in instances]
     changed: set[int] = set()
     for rejoin in find_rejoins(scene, instances, solved.planes, matches, config):
@@ -87,7 +87,7 @@ def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, exte
         messages.append(f"{_in_words(scene, first[0], second[0])} are two planes by their tracks: split")
         groups[split.instance] = first
         groups.append(second)
-    return _formed(prepared, groups, prepared.left_out, messages) if messages else None
+    return formed(prepared, groups, prepared.left_out, messages) if messages else None
 
 
 def _wrong_drawings(
@@ -130,7 +130,7 @@ def _contradiction(scene: Scene, members: Sequence[Member]) -> str:
     )
 
 
-def _formed(prepared: Prepared, groups: Sequence[Members], left_out: Members, messages: Sequence[str]) -> Regrouping:
+def formed(prepared: Measurements, groups: Sequence[Members], left_out: Members, messages: Sequence[str]) -> Regrouping:
     """The instances of some groups of elements."""
     scene = prepared.scene
     instances, track_instance = form_instances(scene, prepared.tracks, _group_of(scene, groups))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, Self
 
 import cv2
@@ -12,7 +13,8 @@ import numpy.typing as npt
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.images import read_gray
-from gtlayout.scene import FloatArray, ImageArray, IntArray, Scene
+from gtlayout.memory import Memory
+from gtlayout.scene import FloatArray, Frame, ImageArray, IntArray, Scene
 from gtlayout.tracking.config import FeatureConfig
 
 _DESCRIPTOR = 128
@@ -56,24 +58,43 @@ class VideoFeatures:
     """Names of the images that could not be read."""
 
     @classmethod
-    def of(cls, scene: Scene, config: FeatureConfig, extractor: FeatureExtractor | None = None) -> Self:
-        """Those of all key frames, and of ``config.spread_frames`` frames spread evenly over the video."""
+    def of(
+        cls,
+        scene: Scene,
+        config: FeatureConfig,
+        extractor: FeatureExtractor | None = None,
+        memory: Memory | None = None,
+    ) -> Self:
+        """Those of all key frames, and of ``config.spread_frames`` frames spread evenly over the video.
+
+        ``memory`` keeps those of each frame, for one ``extractor``.
+        """
+        memory = memory or Memory()
         extractor = extractor or SiftExtractor(config.contrast, config.max_side_px, config.sigma_px)
         spread = np.linspace(0, len(scene.frames) - 1, config.spread_frames).round().astype(np.int64)
         frames = np.union1d([key_frame.frame for key_frame in scene.key_frames], spread).astype(np.int64)
         of_frame, unreadable = {}, []
         for f in frames.tolist():
-            try:
-                image = read_gray(scene.frames[f])
-            except GtlayoutError:
-                unreadable.append(scene.frames[f].name)
-                continue
-            of_frame[f] = extractor(image)
+            frame = scene.frames[f]
+            found = memory.of("features", (frame.name, frame.image_path, config), partial(_of, frame, extractor))
+            if found is None:
+                unreadable.append(frame.name)
+            else:
+                of_frame[f] = found
         return cls(of_frame, tuple(unreadable))
 
     def nearest(self, key: int, most: int) -> list[int]:
         """The ``most`` frames with features that are nearest to frame ``key`` in time, without it, ascending."""
         return sorted(sorted((f for f in self.of_frame if f != key), key=lambda f: (abs(f - key), f))[:most])
+
+
+def _of(frame: Frame, extractor: FeatureExtractor) -> Features | None:
+    """The features of a frame; None when its image cannot be read."""
+    try:
+        image = read_gray(frame)
+    except GtlayoutError:
+        return None
+    return extractor(image)
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Self
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from gtlayout.scene import BoolArray, FloatArray, IntArray, Scene
+from gtlayout.memory import Memory
+from gtlayout.scene import BoolArray, FloatArray, Frame, IntArray, Scene
 from gtlayout.tracking.config import ImageMatchConfig
 from gtlayout.tracking.features import Features, VideoFeatures
 from gtlayout.tracking.tracks import Tracks, joined
@@ -35,13 +37,19 @@ class CameraEvidence:
 
 
 def camera_evidence(
-    scene: Scene, found: VideoFeatures, followed: Tracks, sigma_px: float, config: ImageMatchConfig
+    scene: Scene,
+    found: VideoFeatures,
+    followed: Tracks,
+    sigma_px: float,
+    config: ImageMatchConfig,
+    memory: Memory | None = None,
 ) -> CameraEvidence:
     """The tracks that cameras are judged by, and those that they may be refined with.
 
     The first are matched features, if these are enough, else all. The second are all: features and ``followed`` points.
+    ``memory`` keeps the matches of each two images, for one extractor of features.
     """
-    matched = match_images(scene, found, sigma_px, config)
+    matched = match_images(scene, found, sigma_px, config, memory)
     every = joined((matched, followed), ())
     if len(matched) >= config.enough_tracks:
         return CameraEvidence(matched, every)
@@ -49,11 +57,14 @@ def camera_evidence(
     return CameraEvidence(joined((matched, doubted), ()), every)
 
 
-def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: ImageMatchConfig) -> Tracks:
+def match_images(
+    scene: Scene, found: VideoFeatures, sigma_px: float, config: ImageMatchConfig, memory: Memory | None = None
+) -> Tracks:
     """Tracks of features of the key frames, anywhere in the image, on no element (``Tracks.element`` is -1).
 
     ``sigma_px`` is the noise of their positions besides that of the features themselves.
     """
+    memory = memory or Memory()
     images = {
         f: _Image.of(features.only(_spread(features, _size(scene, f), config.max_features)))
         for f, features in found.of_frame.items()
@@ -68,7 +79,11 @@ def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: Im
         for f in found.nearest(key, config.max_frames):
             first, second = min(key, f), max(key, f)
             if (first, second) not in pairs:
-                pairs[first, second] = _matched(images[first], images[second], config)
+                pairs[first, second] = memory.of(
+                    "matches",
+                    ([_stamp(scene.frames[g], images[g].features) for g in (first, second)], config),
+                    partial(_matched, images[first], images[second], config),
+                )
             of_first, of_second = pairs[first, second]
             mine, theirs = (of_first, of_second) if key == first else (of_second, of_first)
             for row, point_px in zip(mine.tolist(), images[f].features.points_px[theirs], strict=True):
@@ -86,6 +101,11 @@ def match_images(scene: Scene, found: VideoFeatures, sigma_px: float, config: Im
         sigma_px=np.array(sigma, dtype=np.float64),
         tried=(),
     )
+
+
+def _stamp(frame: Frame, features: Features) -> tuple[object, ...]:
+    """What tells the features of an image from others of the same extractor."""
+    return frame.name, frame.image_path, features.sigma_px, len(features)
 
 
 def _size(scene: Scene, frame: int) -> tuple[int, int]:

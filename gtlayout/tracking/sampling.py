@@ -7,22 +7,29 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 from shapely import MultiPolygon
+from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.scene import Element, FloatArray, ImageArray
 from gtlayout.tracking.config import TrackingConfig
 
 
-def sample_points(image: ImageArray, element: Element, config: TrackingConfig, sampler: qmc.Sobol) -> FloatArray:
-    """(N, 2) corners spread over the element's visible parts by a Sobol sequence (paper 3.2).
+def sampled_region(element: Element, config: TrackingConfig) -> BaseGeometry:
+    """The part of the image, px, in which points of an element are sampled: its visible parts without their border.
 
-    A cell round each of area / spacing² Sobol points gives its best corners. An element without visible parts is
-    sampled on its eroded amodal polygon.
+    An element without visible parts is sampled on its eroded amodal polygon.
+    """
+    region = element.visible.buffer(-config.border_px)
+    return element.amodal.buffer(-config.spacing_px / 2) if region.is_empty else region
+
+
+def sample_points(image: ImageArray, element: Element, config: TrackingConfig, sampler: qmc.Sobol) -> FloatArray:
+    """(N, 2) corners spread over the ``sampled_region`` of an element by a Sobol sequence (paper 3.2).
+
+    A cell round each of area / spacing² Sobol points gives its best corners.
     """
     height, width = image.shape
-    region = element.visible.buffer(-config.border_px)
-    if region.is_empty:
-        region = element.amodal.buffer(-config.spacing_px / 2)
+    region = sampled_region(element, config)
     if region.is_empty:
         return np.empty((0, 2))
     mask = fill(rings_of(MultiPolygon([region]) if region.geom_type == "Polygon" else region), height, width)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.scene import Scene
+from gtlayout.memory import Memory
+from gtlayout.scene import FloatArray, Frame, IntArray, Scene
 from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.follow import follow
 from gtlayout.tracking.image_cache import ImageCache
 from gtlayout.tracking.klt import KltTracker, PairTracker
 from gtlayout.tracking.raft import RaftTracker
-from gtlayout.tracking.sampling import sample_points, texture_sigma_px
+from gtlayout.tracking.sampling import sample_points, sampled_region, texture_sigma_px
 from gtlayout.tracking.tracks import Tracks
 
 
@@ -25,6 +28,7 @@ def track(
     seed: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
     tracker: PairTracker | None = None,
+    memory: Memory | None = None,
 ) -> Tracks:
     """Sample points on every element of every key frame and follow them both ways through the video.
 
@@ -32,51 +36,97 @@ def track(
     the result on the key frame's own patch, so that error does not add up along a track. A track ends at the first
     failure.
 
+    ``memory`` keeps the tracks of each key frame, for one ``tracker``.
+
     Raises:
         GtlayoutError: no element is annotated, an annotated image cannot be read, or RAFT cannot be loaded.
     """
     scene.require_elements()
-    tracker = tracker or _tracker(config)
+    tracker, memory = tracker or _tracker(config), memory or Memory()
     images = ImageCache(scene, config.max_frames)
     sampler = qmc.Sobol(d=2, seed=seed)
-    key_frames, elements, sigmas, tried = [], [], [], []
-    tracks, frames, points = [], [], []
-    count = 0
+    parts = []
     for k, key_frame in enumerate(scene.key_frames):
         progress(k, len(scene.key_frames))
-        images.move_to(key_frame.frame)
-        image = images(key_frame.frame)
-        if image is None:
-            raise GtlayoutError(f"{images.errors[key_frame.frame]}; it is annotated: mend it or remove its annotation")
-        per_element = [sample_points(image, element, config, sampler) for element in key_frame.elements]
-        tried.append(np.array([len(p) for p in per_element], dtype=np.int64))
-        start = np.concatenate(per_element) if per_element else np.empty((0, 2))
-        followed = [(np.arange(len(start)), np.full(len(start), key_frame.frame), start)]
-        for direction in (-1, 1):
-            followed += follow(scene, images, k, start, direction, config, tracker)
-        index, frame, position = (np.concatenate(part) for part in zip(*followed, strict=True))
-        kept = np.bincount(index, minlength=len(start)) >= config.min_observations
-        renumber = np.cumsum(kept) - 1 + count
-        count += int(kept.sum())
-        use = kept[index]
-        tracks.append(renumber[index[use]])
-        frames.append(frame[use])
-        points.append(position[use])
-        key_frames.append(np.full(int(kept.sum()), k))
-        sigmas.append(texture_sigma_px(image, start[kept], config))
-        elements.append(np.repeat(np.arange(len(per_element)), [len(p) for p in per_element])[kept])
+        regions = tuple(sampled_region(element, config) for element in key_frame.elements)
+        reach = range(max(0, key_frame.frame - config.max_frames), key_frame.frame + config.max_frames + 1)
+        seen = tuple((f, frame.name, frame.image_path, frame.camera) for f, frame in _some(scene.frames, reach))
+        parts.append(
+            memory.of(
+                "tracks of a key frame",
+                (key_frame.frame, regions, seen, config, seed),
+                partial(_of_key_frame, scene, images, k, config, sampler, tracker),
+            )
+        )
     progress(len(scene.key_frames), len(scene.key_frames))
-    track_index, frame_index = np.concatenate(tracks), np.concatenate(frames)
-    order = np.lexsort((frame_index, track_index))
+    first_of = np.cumsum([0, *(len(part.element) for part in parts)])
     return Tracks(
-        key_frame=np.concatenate(key_frames),
-        element=np.concatenate(elements),
-        track=track_index[order],
-        frame=frame_index[order],
-        points_px=np.concatenate(points)[order],
-        sigma_px=np.concatenate(sigmas),
-        tried=tuple(tried),
-        unreadable=tuple(scene.frames[frame].name for frame in sorted(images.errors)),
+        key_frame=np.repeat(np.arange(len(parts)), [len(part.element) for part in parts]),
+        element=np.concatenate([part.element for part in parts]),
+        track=np.concatenate([part.track + first for part, first in zip(parts, first_of[:-1], strict=True)]),
+        frame=np.concatenate([part.frame for part in parts]),
+        points_px=np.concatenate([part.points_px for part in parts]),
+        sigma_px=np.concatenate([part.sigma_px for part in parts]),
+        tried=tuple(part.tried for part in parts),
+        unreadable=tuple(scene.frames[f].name for f in sorted({f for part in parts for f in part.unreadable})),
+    )
+
+
+@dataclass(frozen=True)
+class _Followed:
+    """The n points of one key frame that could be followed, and their m positions, sorted by (track, frame)."""
+
+    element: IntArray
+    """(n,)."""
+    sigma_px: FloatArray
+    """(n,)."""
+    track: IntArray
+    """(m,) which of the n."""
+    frame: IntArray
+    points_px: FloatArray
+    tried: IntArray
+    """(elements,)."""
+    unreadable: tuple[int, ...]
+    """Frames that could not be read."""
+
+
+def _some(frames: Sequence[Frame], numbers: range) -> list[tuple[int, Frame]]:
+    return [(f, frames[f]) for f in numbers if f < len(frames)]
+
+
+def _of_key_frame(
+    scene: Scene,
+    images: ImageCache,
+    k: int,
+    config: TrackingConfig,
+    sampler: qmc.Sobol,
+    tracker: PairTracker,
+) -> _Followed:
+    """Points sampled on the elements of key frame ``k``, followed both ways."""
+    key, elements = scene.key_frames[k].frame, scene.key_frames[k].elements
+    images.move_to(key)
+    image = images(key)
+    if image is None:
+        raise GtlayoutError(f"{images.errors[key]}; it is annotated: mend it or remove its annotation")
+    images.errors.clear()
+    per_element = [sample_points(image, element, config, sampler) for element in elements]
+    start = np.concatenate(per_element) if per_element else np.empty((0, 2))
+    followed = [(np.arange(len(start)), np.full(len(start), key), start)]
+    for direction in (-1, 1):
+        followed += follow(scene, images, k, start, direction, config, tracker)
+    index, frame, position = (np.concatenate(part) for part in zip(*followed, strict=True))
+    kept = np.bincount(index, minlength=len(start)) >= config.min_observations
+    number = np.cumsum(kept) - 1
+    use = kept[index]
+    order = np.lexsort((frame[use], index[use]))
+    return _Followed(
+        element=np.repeat(np.arange(len(per_element)), [len(p) for p in per_element])[kept],
+        sigma_px=texture_sigma_px(image, start[kept], config),
+        track=number[index[use]][order],
+        frame=frame[use][order],
+        points_px=position[use][order],
+        tried=np.array([len(p) for p in per_element], dtype=np.int64),
+        unreadable=tuple(sorted(images.errors)),
     )
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from shapely import contains_xy
 
+from gtlayout.memory import Memory
 from gtlayout.scene import Element, FloatArray, IntArray, Scene
 from gtlayout.tracking.config import TrackingConfig, WideBaselineConfig
 from gtlayout.tracking.epipolar import EpipolarMatcher
@@ -28,16 +30,17 @@ def with_wide_baselines(
     features: VideoFeatures,
     tracking: TrackingConfig,
     config: WideBaselineConfig,
+    memory: Memory | None = None,
 ) -> Tracks:
     """The ``tracks`` with those of ``features`` found again in far frames, which replace the others of their element.
 
     An element with fewer than ``config.min_tracks`` of them keeps the tracks that it has. Nothing changes where the
-    camera does not move.
+    camera does not move. ``memory`` keeps what was found of each key frame, for one extractor of features.
     """
     path = camera_path(scene)
     if path == 0.0:
         return tracks
-    wide = _found_again(scene, path, features, tracking, config)
+    wide = _found_again(scene, path, features, tracking, config, memory or Memory())
     replaced = [count >= config.min_tracks for count in wide.per_element()]
     tried = tuple(
         np.where(chosen, ours, theirs) for chosen, ours, theirs in zip(replaced, wide.tried, tracks.tried, strict=True)
@@ -48,31 +51,73 @@ def with_wide_baselines(
     return joined((tracks.only(~of_others), wide.only(of_wide)), tried)
 
 
+@dataclass(frozen=True)
+class _FoundAgain:
+    """The n features of one key frame that were found again."""
+
+    element: tuple[int, ...]
+    sigma_px: float
+    observed: tuple[_Seen, ...]
+    tried: IntArray
+    """(elements,)."""
+
+
 def _found_again(
-    scene: Scene, path: float, found: VideoFeatures, tracking: TrackingConfig, config: WideBaselineConfig
+    scene: Scene,
+    path: float,
+    found: VideoFeatures,
+    tracking: TrackingConfig,
+    config: WideBaselineConfig,
+    memory: Memory,
 ) -> Tracks:
     """Tracks of the features on all elements."""
-    matcher = EpipolarMatcher(config.nearest_paths * path, config.tolerance_sigmas, config.max_ratio)
-    keys, features = [key_frame.frame for key_frame in scene.key_frames], found.of_frame
-    key_frame, element, sigma, tried, observed = [], [], [], [], []
-    for k, key in enumerate(keys):
-        elements = scene.key_frames[k].elements
-        if key not in features:
+    key_frame: list[int] = []
+    element: list[int] = []
+    sigma: list[float] = []
+    observed: list[_Seen] = []
+    tried = []
+    for k, drawn in enumerate(scene.key_frames):
+        key, elements = drawn.frame, drawn.elements
+        if key not in found.of_frame:
             tried.append(np.zeros(len(elements), dtype=np.int64))
             continue
-        own, on_element = _on_elements(features[key], elements, config.max_features)
-        tried.append(np.bincount(on_element, minlength=len(elements)))
-        sigma_px = float(np.hypot(tracking.sigma_px, features[key].sigma_px))
-        matched = _matches(scene, matcher, features, key, own, found.nearest(key, config.max_frames), sigma_px)
-        for row, of_element in enumerate(on_element):
-            seen = _agreeing(scene, key, features[key].points_px[own[row]], matched[row], sigma_px, config)
-            if len(seen.frame) + 1 < tracking.min_observations:
-                continue
-            key_frame.append(k)
-            element.append(of_element)
-            sigma.append(sigma_px)
-            observed.append(seen.with_key(key, features[key].points_px[own[row]]))
+        near = found.nearest(key, config.max_frames)
+        seen = [(f, scene.frames[f].name, scene.frames[f].image_path, scene.frames[f].camera) for f in (key, *near)]
+        of_key = memory.of(
+            "wide baselines of a key frame",
+            (seen, path, [one.visible for one in elements], tracking, config),
+            partial(_of_key_frame, scene, path, found, k, near, tracking, config),
+        )
+        tried.append(of_key.tried)
+        key_frame += [k] * len(of_key.element)
+        element += of_key.element
+        sigma += [of_key.sigma_px] * len(of_key.element)
+        observed += of_key.observed
     return _tracks(key_frame, element, sigma, observed, tuple(tried), found.unreadable)
+
+
+def _of_key_frame(
+    scene: Scene,
+    path: float,
+    found: VideoFeatures,
+    k: int,
+    near: Sequence[int],
+    tracking: TrackingConfig,
+    config: WideBaselineConfig,
+) -> _FoundAgain:
+    """The features on the elements of key frame ``k`` found again in the frames ``near``."""
+    matcher = EpipolarMatcher(config.nearest_paths * path, config.tolerance_sigmas, config.max_ratio)
+    key, elements, features = scene.key_frames[k].frame, scene.key_frames[k].elements, found.of_frame
+    own, on_element = _on_elements(features[key], elements, config.max_features)
+    sigma_px = float(np.hypot(tracking.sigma_px, features[key].sigma_px))
+    matched = _matches(scene, matcher, features, key, own, near, sigma_px)
+    element, observed = [], []
+    for row, of_element in enumerate(on_element.tolist()):
+        seen = _agreeing(scene, key, features[key].points_px[own[row]], matched[row], sigma_px, config)
+        if len(seen.frame) + 1 >= tracking.min_observations:
+            element.append(of_element)
+            observed.append(seen.with_key(key, features[key].points_px[own[row]]))
+    return _FoundAgain(tuple(element), sigma_px, tuple(observed), np.bincount(on_element, minlength=len(elements)))
 
 
 def _on_elements(features: Features, elements: Sequence[Element], most: int) -> tuple[IntArray, IntArray]:
