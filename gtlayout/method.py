@@ -58,7 +58,7 @@ def solve(
     config, stage = config or Config(), Stages(observer or Observer())
     # OpenBLAS sums in another order with each number of threads. The same bytes need one thread.
     with threadpool_limits(limits=1, user_api="blas"):
-        prepared, first = _regrouped(prepare(scene, config, stage), config, stage)
+        prepared, first = regrouped(prepare(scene, config, stage), config, stage)
         run = partial(_run, prepared, first, config, stage)
         solution = best_of(run, range(config.restarts) if restarts is None else restarts)
     stage.observer.solved(solution.layout, solution.quality, solution.estimate)
@@ -161,7 +161,7 @@ def lay_out(prepared: Prepared, solved: Estimate, config: Config, stage: Stages 
     )
 
 
-def _regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
+def regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
     """Solve planes, join or split instances by them, and solve again, until they stay the same.
 
     At most ``config.regrouping.rounds`` times.

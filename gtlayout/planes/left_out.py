@@ -101,9 +101,9 @@ def contacts_without_their_key_frame(
 def _fit(
     linear: LinearSystem, used: BoolArray, scale: FloatArray, config: UncertaintyConfig
 ) -> tuple[FloatArray, Blocks]:
-    """(N, 3) unknowns that fit the ``used`` of G measurements best, with (7,) scales of errors, and their covariance."""
+    """(N, 3) unknowns that fit the (G,) ``used`` measurements best, at (7,) scales of errors, and their covariance."""
     size, by_scale = linear.size, scale[linear.family]
-    weight = used.astype(np.float64)
+    weight: FloatArray = used.astype(np.float64)
     for _ in range(_ROUNDS):
         row_weight = np.repeat(weight / by_scale**2, size)
         elimination = eliminate(linear.rows.tree, linear.rows.information(row_weight))

@@ -16,6 +16,8 @@ class ReviewConfig:
     """Gaps and overlaps are eroded and dilated by this: two hands' lines differ by a pixel or two."""
     min_area_px2: float = 300.0
     """Smaller gaps and overlaps do not count."""
+    same_iou: float = 0.9
+    """Two elements with this IoU are taken for one that was drawn twice."""
     min_distance_px: float = 6.0
     """A contact edge is wrong from this distance on …"""
     min_z: float = 3.0

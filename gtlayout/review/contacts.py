@@ -53,8 +53,8 @@ def contact_findings(solution: Solution, matches: Sequence[KeyFrameMatch], confi
                 before.id,
                 side_along(before, contact.drawn_px),
                 "occlusion edge missing",
-                f"{named(before)} hides a part of {named(behind)}, and the edge between them is drawn as one where they "
-                f"touch (z {z:.0f}): draw an occlusion edge along it",
+                f"{named(before)} hides a part of {named(behind)}, and they are drawn as if they touched there "
+                f"(z {z:.0f}): draw an occlusion edge along their border",
                 z,
                 contact.drawn_px[[0, -1]],
             )

@@ -11,11 +11,10 @@ import shapely
 from shapely import LineString, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.geometry.polygons import polygons
 from gtlayout.scene import Element, FloatArray, Scene
 
-FindingKind = Literal[
-    "another place", "label", "missing", "overlap", "edge", "occlusion edge missing", "shape", "gap"
-]
+FindingKind = Literal["another place", "label", "missing", "overlap", "edge", "occlusion edge missing", "shape", "gap"]
 KINDS: tuple[FindingKind, ...] = get_args(FindingKind)
 """The worst first."""
 
@@ -76,8 +75,7 @@ def outline(region: BaseGeometry) -> FloatArray:
 
 def opened(region: BaseGeometry, radius: float) -> MultiPolygon:
     """A region without what is narrower than twice the radius."""
-    kept = region.buffer(-radius, join_style="mitre").buffer(radius, join_style="mitre")
-    return MultiPolygon([part for part in shapely.get_parts(kept) if part.geom_type == "Polygon" and part.area > 0])
+    return polygons(region.buffer(-radius).buffer(radius))
 
 
 def image_area(scene: Scene, key_frame: int) -> float:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.instances import Member
 from gtlayout.regrouping.drawings import KeyFrameMatch
 from gtlayout.review.config import ReviewConfig
 from gtlayout.review.findings import Finding, image_area, named, opened, outline
@@ -16,19 +18,51 @@ from gtlayout.scene import OPENINGS, Element
 from gtlayout.solution import Solution
 
 
-def match_findings(solution: Solution, found: KeyFrameMatch, config: ReviewConfig) -> tuple[Finding, ...]:
-    """All that is wrong with the elements of one key frame, if what the others predict in it is right."""
+def match_findings(
+    solution: Solution, found: KeyFrameMatch, missing: Mapping[int, MultiPolygon], config: ReviewConfig
+) -> tuple[Finding, ...]:
+    """All that is wrong with the elements of one key frame, if what the others predict in it is right.
+
+    ``missing``: by instance where it is seen in this key frame and not drawn.
+    """
     elements = solution.scene.key_frames[found.key_frame].elements
-    labels = {e: i for e, i in enumerate(found.matched) if i is not None and _other_label(found, elements[e], e, i, config)}
+    matched = [(e, i) for e, i in enumerate(found.matched) if i is not None]
+    labels = {e: i for e, i in matched if _other_label(found, elements[e], e, i, config)}
     astray = [e for e in range(len(elements)) if e not in labels and _astray(solution, found, e, config)]
+    moved = {e: i for e, i in _moved(found, missing, config) if e not in (*labels, *astray)}
     area = np.array([element.amodal.area for element in elements])
     findings = [_label(solution, found, e, i) for e, i in labels.items()]
+    findings += [_another_place(solution, found, e, i) for e, i in moved.items()]
+    findings += [_not_drawn(solution, found, i, shown) for i, shown in missing.items() if i not in moved.values()]
     if area[astray].sum() > config.min_whole_share * area.sum():
         findings.append(_another_drawing(solution, found, float(area[astray].sum() / area.sum())))
     else:
-        findings += [_another_place(solution, found, e) for e in astray]
-    wrong = {*labels, *astray}
-    return (*findings, *_missing(solution, found, config), *_shapes(solution, found, wrong, config))
+        findings += [_another_place(solution, found, e, int(found.own[e])) for e in astray]
+    return (*findings, *_shapes(solution, found, {*labels, *astray, *moved}, config))
+
+
+def missing_instances(
+    solution: Solution, matches: Sequence[KeyFrameMatch], config: ReviewConfig
+) -> list[dict[int, MultiPolygon]]:
+    """By key frame the instances that others show on its image and nobody drew, each with where.
+
+    One that fewer key frames draw than should and do not is what is wrong, not its absence.
+    """
+    unseen = [dict(_unseen(solution, found, config)) for found in matches]
+    count = Counter(i for one in unseen for i in one)
+    return [{i: at for i, at in one.items() if count[i] <= len(solution.instances[i].members)} for one in unseen]
+
+
+def _unseen(solution: Solution, found: KeyFrameMatch, config: ReviewConfig) -> Iterator[tuple[int, MultiPolygon]]:
+    scene, k = solution.scene, found.key_frame
+    scale = scene.frame_of(k).camera.annotation_scale
+    there = {*found.own.tolist(), *found.matched}
+    for i, region in enumerate(found.prediction.visible):
+        if i in there or region.is_empty:
+            continue
+        shown = opened(region.difference(scene.key_frames[k].blank), config.shape_opening_px * scale)
+        if shown.area >= config.min_missing_share * image_area(scene, k):
+            yield i, shown
 
 
 def _other_label(found: KeyFrameMatch, element: Element, e: int, i: int, config: ReviewConfig) -> bool:
@@ -44,6 +78,18 @@ def _astray(solution: Solution, found: KeyFrameMatch, e: int, config: ReviewConf
     compared = found.others[e] > 0 or not solution.planes[found.own[e]].observable
     known = found.overlap.known_share[e] >= config.min_known_share
     return bool(compared and known and found.own_iou[e] < config.max_placed_iou)
+
+
+def _moved(found: KeyFrameMatch, missing: Mapping[int, MultiPolygon], config: ReviewConfig) -> Iterator[Member]:
+    """Elements that nobody else knows, on something that others know, each with the missing instance of its label."""
+    left = sorted(missing, key=lambda i: -missing[i].area)
+    for e, own in enumerate(found.own):
+        known = found.overlap.known_share[e] >= config.min_known_share
+        if found.others[e] == 0 and found.matched[e] is None and known:
+            i = next((i for i in left if found.labels[i] == found.labels[own]), None)
+            if i is not None:
+                left.remove(i)
+                yield e, i
 
 
 def _label(solution: Solution, found: KeyFrameMatch, e: int, i: int) -> Finding:
@@ -62,18 +108,19 @@ def _label(solution: Solution, found: KeyFrameMatch, e: int, i: int) -> Finding:
     )
 
 
-def _another_place(solution: Solution, found: KeyFrameMatch, e: int) -> Finding:
+def _another_place(solution: Solution, found: KeyFrameMatch, e: int, i: int) -> Finding:
+    """Element ``e``, which should be where instance ``i`` is."""
     element = solution.scene.key_frames[found.key_frame].elements[e]
-    predicted = found.prediction.visible[found.own[e]]
+    predicted, iou = found.prediction.visible[i], float(found.overlap.iou[e, i])
     return Finding(
         found.key_frame,
         solution.scene.frame_of(found.key_frame).name,
         element.id,
         None,
         "another place",
-        f"{named(element)} is drawn where the other key frames show something else (IoU {found.own_iou[e]:.2f}): look "
-        "whether it is in the right place",
-        1 - float(found.own_iou[e]),
+        f"{named(element)} is drawn where the other key frames show something else (IoU {iou:.2f}): look whether it "
+        "is in the right place",
+        1 - iou,
         outline(element.amodal),
         None if predicted.is_empty else outline(predicted),
     )
@@ -87,35 +134,28 @@ def _another_drawing(solution: Solution, found: KeyFrameMatch, share: float) -> 
         None,
         None,
         "another place",
-        f"the drawing contradicts what the other key frames show there, over {share:.0%} of its area: look whether it is "
-        "drawn on the right frame",
+        f"the drawing contradicts what the other key frames show there, over {share:.0%} of its area: look whether it "
+        "is drawn on the right frame",
         share,
         outline(shapely.box(0, 0, camera.width, camera.height)),
     )
 
 
-def _missing(solution: Solution, found: KeyFrameMatch, config: ReviewConfig) -> Iterator[Finding]:
+def _not_drawn(solution: Solution, found: KeyFrameMatch, i: int, shown: MultiPolygon) -> Finding:
     scene, k = solution.scene, found.key_frame
-    scale = scene.frame_of(k).camera.annotation_scale
-    there = {*found.own.tolist(), *found.matched}
-    for i, region in enumerate(found.prediction.visible):
-        if i in there or region.is_empty:
-            continue
-        shown = opened(region.difference(scene.key_frames[k].blank), config.shape_opening_px * scale)
-        share = shown.area / image_area(scene, k)
-        if share >= config.min_missing_share:
-            yield Finding(
-                k,
-                scene.frame_of(k).name,
-                None,
-                None,
-                "missing",
-                f"the {found.labels[i]} that is {_elsewhere(solution, found, i)} is not drawn, though {share:.1%} of the "
-                "image show it: draw it, or what hides it",
-                share,
-                outline(shown),
-                outline(shown),
-            )
+    share = shown.area / image_area(scene, k)
+    return Finding(
+        k,
+        scene.frame_of(k).name,
+        None,
+        None,
+        "missing",
+        f"the {found.labels[i]} that is {_elsewhere(solution, found, i)} is not drawn, though {share:.1%} of the image "
+        "show it: draw it, or what hides it",
+        share,
+        outline(shown),
+        outline(shown),
+    )
 
 
 def _shapes(solution: Solution, found: KeyFrameMatch, wrong: set[int], config: ReviewConfig) -> Iterator[Finding]:

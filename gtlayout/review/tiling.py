@@ -1,4 +1,4 @@
-"""Gaps and overlaps: the elements of a key frame should cover its image, each pixel once. Nothing needs to be solved."""
+"""Gaps and overlaps: the elements of a key frame cover its image, each pixel once. Nothing needs to be solved."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from itertools import combinations
 
 import numpy as np
 import shapely
-from shapely import MultiPolygon
 
 from gtlayout.review.config import ReviewConfig
 from gtlayout.review.findings import Finding, image_area, named, opened, outline
@@ -15,7 +14,7 @@ from gtlayout.scene import OPENINGS, SAME_BORDER_PX, Scene
 
 
 def tiling_findings(scene: Scene, config: ReviewConfig | None = None) -> tuple[Finding, ...]:
-    """All gaps and overlaps, in the order of the key frames; doors and windows may lie on anything."""
+    """All gaps and overlaps, key frame by key frame. Doors and windows lie on their walls, but not on each other."""
     config = config or ReviewConfig()
     return tuple(
         finding
@@ -29,7 +28,8 @@ def _gaps(scene: Scene, k: int, config: ReviewConfig) -> Iterator[Finding]:
     scale = camera.annotation_scale
     regions = np.array([element.amodal for element in key_frame.elements], dtype=object)
     drawn = shapely.union_all([*regions, key_frame.blank])
-    for gap in opened(shapely.box(0, 0, camera.width, camera.height).difference(drawn), config.opening_px * scale).geoms:
+    image = shapely.box(0, 0, camera.width, camera.height)
+    for gap in opened(image.difference(drawn), config.opening_px * scale).geoms:
         if gap.area <= config.min_area_px2 * scale**2:
             continue
         # A gap is closed by the elements that it lies between.
@@ -52,23 +52,26 @@ def _gaps(scene: Scene, k: int, config: ReviewConfig) -> Iterator[Finding]:
 
 def _overlaps(scene: Scene, k: int, config: ReviewConfig) -> Iterator[Finding]:
     scale = scene.frame_of(k).camera.annotation_scale
-    walls = [element for element in scene.key_frames[k].elements if element.label not in OPENINGS]
-    for a, b in combinations(walls, 2):
-        both = opened(_common(a.amodal, b.amodal), config.opening_px * scale)
-        if both.area <= config.min_area_px2 * scale**2:
+    for a, b in combinations(scene.key_frames[k].elements, 2):
+        if not shapely.intersects(a.amodal, b.amodal):
+            continue
+        both = opened(a.amodal.intersection(b.amodal), config.opening_px * scale)
+        twice = both.area > config.same_iou * (a.amodal.area + b.amodal.area - both.area)
+        on_its_wall = a.label != b.label and not OPENINGS.isdisjoint({a.label, b.label})
+        if not twice and (on_its_wall or both.area <= config.min_area_px2 * scale**2):
             continue
         smaller = a if a.amodal.area <= b.amodal.area else b
+        share = both.area / smaller.amodal.area
+        what = "are almost the same polygon: delete one"
+        if not twice:
+            what = f"overlap by {share:.0%} of the smaller: one label wrong, or one drawn too large"
         yield Finding(
             k,
             scene.frame_of(k).name,
             smaller.id,
             None,
             "overlap",
-            f"{named(a)} and {named(b)} overlap by {both.area:.0f} px²: draw one edge for both",
-            both.area / smaller.amodal.area,
+            f"{named(a)} and {named(b)} {what}",
+            share,
             outline(both),
         )
-
-
-def _common(a: MultiPolygon, b: MultiPolygon) -> MultiPolygon:
-    return a.intersection(b) if shapely.intersects(a, b) else MultiPolygon()

@@ -56,6 +56,8 @@ def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[
                 for element in key_frame.elements
             ],
             "occlusion_edges": list(key_frame.occlusion_edges),
+            # Few have any, and readers before this key existed would say nothing of it.
+            **({} if key_frame.blank.is_empty else {"blank": simple_rings(key_frame.blank)}),
         }
         for key_frame in key_frames
     ]
@@ -79,7 +81,8 @@ def _key_frame(data: Any, index: int, size: tuple[int, int] | None, notes: Notes
             continue
         elements[str(element.id)] = element
     edges = RawShape("occlusion_edge", lines=_polylines(data, "occlusion_edges", image, notes))
-    return RawKeyFrame(image, (*elements.values(), edges), size)
+    blank = RawShape("blank", _polylines(data, "blank", image, notes))
+    return RawKeyFrame(image, (*elements.values(), edges, *([blank] if blank.polygons else [])), size)
 
 
 def _element(data: Any, image: str, notes: Notes) -> RawShape:
