@@ -38,12 +38,13 @@ class ExpectedContact:
     instances: tuple[int, int]
     drawn_px: FloatArray
     """(N, 2) samples along it, in order."""
-    expected_px: FloatArray
-    """(N, 2) the nearest points of the line in which the planes meet, where that is usually drawn."""
+    expected_px: FloatArray | None
+    """(N, 2) the nearest points of the line in which the planes meet, where that is usually drawn; None for planes that
+    nearly coincide as seen from there."""
     distance_px: float
     """Root mean square of their distances, as of an image of 640x480."""
     sigma_px: float
-    """σ of the line there, likewise."""
+    """σ of the line there, likewise; 0 where there is none."""
 
 
 def contacts_without_their_key_frame(
@@ -82,17 +83,16 @@ def contacts_without_their_key_frame(
         for number in np.nonzero(key_frame == k)[0].tolist():
             group, first = edges[number], linear.first[edge_rows[number]]
             misfits_px = group.misfits_px(moved, offsets[group.instances])
-            if not np.isfinite(misfits_px).all():
-                continue
+            meet = bool(np.isfinite(misfits_px).all())
             sigma = np.array([config.sigma_edge_shift_px, config.sigma_edge_tilt_px])
             found.append(
                 ExpectedContact(
                     k,
                     group.instances,
                     group.points_px,
-                    group.feet_px(moved, offsets[group.instances]),
+                    group.feet_px(moved, offsets[group.instances]) if meet else None,
                     float(np.sqrt(np.mean(group.annotation_px(misfits_px) ** 2))),
-                    float(np.sqrt(np.sum(sigma**2 * variances[first : first + 2]))),
+                    float(np.sqrt(np.sum(sigma**2 * variances[first : first + 2]))) if meet else 0.0,
                 )
             )
     return tuple(found)

@@ -29,6 +29,8 @@ def contact_findings(solution: Solution, matches: Sequence[KeyFrameMatch], confi
         k = contact.key_frame
         elements = [scene.key_frames[k].elements[element_of[k, i]] for i in contact.instances]
         front = _front(solution, by_key_frame[k], contact, config)
+        if front is None and contact.expected_px is None:
+            continue
         # The smaller one has fewer other edges to look at.
         smaller = min(elements, key=lambda element: element.amodal.area)
         if front is None:
@@ -43,7 +45,7 @@ def contact_findings(solution: Solution, matches: Sequence[KeyFrameMatch], confi
                 f"meet (z {z:.0f}): move it, or draw an occlusion edge if they do not touch there",
                 z,
                 contact.drawn_px[[0, -1]],
-                contact.expected_px[[0, -1]],
+                None if contact.expected_px is None else contact.expected_px[[0, -1]],
             )
         else:
             before, behind = elements[front], elements[1 - front]
