@@ -48,8 +48,8 @@ def _on_drawings(tracks: Tracks, before: Scene, after: Scene) -> Tracks:
             tried.append(tracks.tried[k])
             continue
         element[own] = _elements_at(tracks, np.nonzero(own)[0], old, new)
-        names = [one.id for one in old.elements]
-        tried.append(np.array([tracks.tried[k][names.index(one.id)] for one in new.elements], dtype=np.int64))
+        of_name = {one.id: int(count) for one, count in zip(old.elements, tracks.tried[k], strict=True)}
+        tried.append(np.array([of_name.get(one.id, 0) for one in new.elements], dtype=np.int64))
     return replace(tracks, element=element, tried=tuple(tried)).only(element >= 0)
 
 

@@ -16,6 +16,7 @@ from gtlayout.review.findings import KINDS, Finding
 from gtlayout.scene import FloatArray, Scene
 
 FORMAT = "gtlayout-review/1"
+_KIND_OF = {str(kind): kind for kind in KINDS}
 
 
 def review_text(findings: Sequence[Finding]) -> str:
@@ -37,7 +38,7 @@ def read_review(folder: Path, scene: Scene) -> tuple[Finding, ...] | None:
         raise GtlayoutError(f'{path} is not a review: its "format" is {data.get("format")!r}, not {FORMAT!r}')
     try:
         found = tuple(_read(row) for row in data["findings"])
-    except (KeyError, TypeError, ValueError, StopIteration) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
     for one in found:
         if not 0 <= one.key_frame < len(scene.key_frames) or scene.frame_of(one.key_frame).name != one.frame_name:
@@ -51,7 +52,7 @@ def _read(row: dict[str, Any]) -> Finding:
         frame_name=str(row["frame_name"]),
         element_id=None if row["element_id"] is None else str(row["element_id"]),
         edge=None if row["edge"] is None else int(row["edge"]),
-        kind=next(kind for kind in KINDS if kind == row["kind"]),
+        kind=_KIND_OF[row["kind"]],
         message=str(row["message"]),
         severity=float(row["severity"]),
         where_px=_points(row["where_px"]),

@@ -40,5 +40,7 @@ class ReviewConfig:
     """Shapes differ only where they do so over twice this width: outlines on planes that are a little off do, too."""
     min_shape_share: float = 0.2
     """An element has another shape from this share of it on that is not where it is in all other key frames."""
+    min_others: int = 2
+    """… if at least this many others show it: of two nobody knows which is wrong."""
     min_missing_share: float = 0.01
     """An instance is missing where the others show it on at least this share of the image."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -26,8 +26,7 @@ def match_findings(
     ``missing``: by instance where it is seen in this key frame and not drawn.
     """
     elements = solution.scene.key_frames[found.key_frame].elements
-    matched = [(e, i) for e, i in enumerate(found.matched) if i is not None]
-    labels = {e: i for e, i in matched if _other_label(found, elements[e], e, i, config)}
+    labels = {e: i for e, i in _matched(found) if _other_label(found, elements[e], e, i, config)}
     astray = [e for e in range(len(elements)) if e not in labels and _astray(solution, found, e, config)]
     moved = {e: i for e, i in _moved(found, missing, config) if e not in (*labels, *astray)}
     area = np.array([element.amodal.area for element in elements])
@@ -38,7 +37,7 @@ def match_findings(
         findings.append(_another_drawing(solution, found, float(area[astray].sum() / area.sum())))
     else:
         findings += [_another_place(solution, found, e, int(found.own[e])) for e in astray]
-    return (*findings, *_shapes(solution, found, {*labels, *astray, *moved}, config))
+    return (*findings, *_shapes(solution, found, {*labels, *astray, *moved}, missing, config))
 
 
 def missing_instances(
@@ -56,13 +55,24 @@ def missing_instances(
 def _unseen(solution: Solution, found: KeyFrameMatch, config: ReviewConfig) -> Iterator[tuple[int, MultiPolygon]]:
     scene, k = solution.scene, found.key_frame
     scale = scene.frame_of(k).camera.annotation_scale
-    there = {*found.own.tolist(), *found.matched}
+    elements = scene.key_frames[k].elements
+    # A wall may look like the window that is not drawn in it, but it is not drawn as that.
+    there = {
+        *found.own.tolist(),
+        *(i for e, i in _matched(found) if found.labels[i] == elements[e].label),
+        *(i for e, i in _matched(found) if _other_label(found, elements[e], e, i, config)),
+    }
     for i, region in enumerate(found.prediction.visible):
         if i in there or region.is_empty:
             continue
         shown = opened(region.difference(scene.key_frames[k].blank), config.shape_opening_px * scale)
         if shown.area >= config.min_missing_share * image_area(scene, k):
             yield i, shown
+
+
+def _matched(found: KeyFrameMatch) -> list[Member]:
+    """Elements, each with the instance that it looks like."""
+    return [(e, i) for e, i in enumerate(found.matched) if i is not None]
 
 
 def _other_label(found: KeyFrameMatch, element: Element, e: int, i: int, config: ReviewConfig) -> bool:
@@ -158,18 +168,28 @@ def _not_drawn(solution: Solution, found: KeyFrameMatch, i: int, shown: MultiPol
     )
 
 
-def _shapes(solution: Solution, found: KeyFrameMatch, wrong: set[int], config: ReviewConfig) -> Iterator[Finding]:
+def _shapes(
+    solution: Solution,
+    found: KeyFrameMatch,
+    wrong: Collection[int],
+    missing: Collection[int],
+    config: ReviewConfig,
+) -> Iterator[Finding]:
+    """Elements that are not in the right place everywhere, but for those ``wrong`` in another way."""
     scene, k = solution.scene, found.key_frame
     elements, visible = scene.key_frames[k].elements, found.prediction.visible
     radius = config.shape_opening_px * scene.frame_of(k).camera.annotation_scale
     drawn = _drawn(elements)
     for e, element in enumerate(elements):
         own = visible[found.own[e]]
-        if e in wrong or own.is_empty or found.overlap.known_share[e] < config.min_known_share:
+        if e in wrong or own.is_empty or found.others[e] < config.min_others:
+            continue
+        if found.overlap.known_share[e] < config.min_known_share:
             continue
         # Where nothing is drawn there is a gap, and where nothing is predicted nobody else has looked.
         others_drawn = shapely.union_all([region for f, region in enumerate(drawn) if f != e])
-        others_shown = shapely.union_all([region for i, region in enumerate(visible) if i != found.own[e]])
+        others = [region for i, region in enumerate(visible) if i != found.own[e] and i not in missing]
+        others_shown = shapely.union_all([MultiPolygon(), *others])
         lost = opened(own.intersection(others_drawn), radius)
         extra = opened(drawn[e].intersection(others_shown), radius)
         parts = [(lost, lost.area / own.area), (extra, extra.area / max(drawn[e].area, 1.0))]
