@@ -15,7 +15,7 @@ FILE_NAME = "labels.json"
 Kind = Label | Literal["visible", "occlusion_edge", "blank", "ignored"]
 """A structural element, a visible part of one, an edge along which neighbours do not touch, a part of the image that is
 left blank on purpose, or ignored."""
-KINDS: tuple[Kind, ...] = (*LABELS, "visible", "occlusion_edge", "blank", "ignored")
+KINDS: tuple[Kind, ...] = (*LABELS, "visible", "blank", "occlusion_edge", "ignored")
 SYNONYMS: dict[str, Kind] = {
     "ground": "floor",
     "slantedceiling": "slanted",
