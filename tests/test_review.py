@@ -18,7 +18,7 @@ from shapely import MultiPolygon, Polygon
 from common.metrics import Metric
 from common.solve_again import solve_again
 from gtlayout.api import load, save
-from gtlayout.check.annotations import annotation_suspicions
+from gtlayout.check.annotations import gaps
 from gtlayout.cli.app import main
 from gtlayout.cli.console import print_findings, stdout
 from gtlayout.errors import GtlayoutError
@@ -207,7 +207,7 @@ def test_review_of_a_folder(spoiled: Path, tmp_path: Path, capsys: pytest.Captur
 
 def test_check_says_gaps_before_a_solve(spoiled: Path) -> None:
     scene = load_scene(spoiled)
-    assert any(line.startswith(f"{scene.frame_of(1).name}: gap of ") for line in annotation_suspicions(scene))
+    assert any(line.startswith(f"{scene.frame_of(1).name}: gap of ") for line in gaps(scene))
 
 
 def test_a_solve_prints_the_worst_findings(capsys: pytest.CaptureFixture[str]) -> None:

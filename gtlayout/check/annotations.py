@@ -21,14 +21,19 @@ MAX_STRAY_SHARE = 0.5
 
 
 def annotation_suspicions(scene: Scene) -> list[str]:
-    """Too few key frames; visible parts outside and stray edges, key frame by key frame; gaps and overlaps."""
+    """Too few key frames; visible parts outside and stray edges, key frame by key frame; overlaps."""
     lines = []
     for k, key_frame in enumerate(scene.key_frames):
         name = scene.frame_of(k).name
         lines += [f"{name}: {line}" for line in _visible_outside(key_frame.elements)]
         lines += [f"{name}: {line}" for line in _stray_edges(key_frame.elements, key_frame.occlusion_edges)]
-    tiling = [finding.line for finding in tiling_findings(scene)]
-    return [*_few(scene), *_without_visible(scene), *lines, *tiling]
+    overlaps = [finding.line for finding in tiling_findings(scene) if finding.kind == "overlap"]
+    return [*_few(scene), *_without_visible(scene), *lines, *overlaps]
+
+
+def gaps(scene: Scene) -> list[str]:
+    """What the drawings leave blank. Only the annotator knows whether it is meant, and can say so."""
+    return [finding.line for finding in tiling_findings(scene) if finding.kind == "gap"]
 
 
 def _few(scene: Scene) -> list[str]:
