@@ -45,9 +45,10 @@ def wrong_drawings(solution: Solution, count: int, seed: int) -> tuple[WrongDraw
     """Up to ``count`` errors of each kind, in different places, drawn at random from all that are possible."""
     rng = np.random.default_rng(seed)
     chosen: list[WrongDrawing] = []
+    plants = [_swapped, _left_out, _of_another_frame, _no_occlusion_edge]
     shifts = [partial(_shifted, shift_px=shift_px) for shift_px in SHIFTS_PX]
-    for plant in (_swapped, _left_out, _of_another_frame, _no_occlusion_edge, *shifts):
-        possible = list(plant(solution))
+    for planted in (*(plant(solution) for plant in plants), *(shift(solution) for shift in shifts)):
+        possible = list(planted)
         picked = sorted(rng.permutation(len(possible))[:count].tolist())
         chosen += [possible[number] for number in picked]
     return tuple(chosen)

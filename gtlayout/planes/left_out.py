@@ -110,7 +110,7 @@ def _fit(
         unknowns = solve(elimination, linear.rows.gradient(row_weight * linear.target))
         error = np.add.reduceat((linear.rows.times(unknowns) - linear.target) ** 2, linear.first)
         robust = (config.student_freedom + size) / (config.student_freedom + error / by_scale**2)
-        weight = used * np.where(linear.family == PRIOR, 1.0, robust)
+        weight = np.where(used, np.where(linear.family == PRIOR, 1.0, robust), 0.0)
     return unknowns, inverse(elimination)
 
 
