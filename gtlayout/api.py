@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from gtlayout.layout import Layout
 from gtlayout.results.layout_files import read_layout, write_results
 from gtlayout.results.names import FOLDER
 from gtlayout.results.refined_cameras import with_refined_cameras
+from gtlayout.review.findings import Finding
 from gtlayout.scene import Scene
 from gtlayout.solution import Solution
 
@@ -46,8 +48,10 @@ def load_solved(
     return scene, read_layout(found, scene)
 
 
-def save(solution: Solution, results: AnyPath) -> None:
+def save(solution: Solution, results: AnyPath, findings: Sequence[Finding] | None = None) -> None:
     """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, with new cameras, cameras.json.
+
+    ``findings`` of a review of the solution are written to review.json.
 
     Raises GtlayoutError when the files cannot be written to the folder ``results``. All its files are then unchanged.
     """
@@ -59,6 +63,7 @@ def save(solution: Solution, results: AnyPath) -> None:
         solution.config,
         new_cameras=solution.new_cameras,
         timings_s=solution.timings_s,
+        findings=findings,
     )
 
 

@@ -77,7 +77,7 @@ def solve_with_memory(
     stage = Stages(observer or Observer())
     # OpenBLAS sums in another order with each number of threads. The same bytes need one thread.
     with threadpool_limits(limits=1, user_api="blas"):
-        prepared, first = _regrouped(prepare(scene, config, stage, memory), config, stage)
+        prepared, first = regrouped(prepare(scene, config, stage, memory), config, stage)
         run = partial(_run, prepared, first, config, stage)
         solution = best_of(run, range(config.restarts) if restarts is None else restarts)
     stage.observer.solved(solution.layout, solution.quality, solution.estimate)
@@ -234,7 +234,7 @@ def lay_out(
     )
 
 
-def _regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
+def regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
     """Solve planes, join or split instances by them, and solve again, until they stay the same.
 
     At most ``config.regrouping.rounds`` times.

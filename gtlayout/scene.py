@@ -175,6 +175,8 @@ class KeyFrame:
     elements: tuple[Element, ...]
     occlusion_edges: tuple[FloatArray, ...] = ()
     """Polylines (N, 2) px along which neighbouring elements do *not* touch in 3D."""
+    blank: MultiPolygon = field(default_factory=MultiPolygon)
+    """Where the annotator left the image blank on purpose, px."""
 
 
 @dataclass(frozen=True)

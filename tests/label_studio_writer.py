@@ -66,6 +66,7 @@ def _task(number: int, frame: Frame, key_frame: KeyFrame) -> dict[str, Any]:
     drawn = [
         *((ring, e.label, {"id": e.id}) for e in key_frame.elements for ring in simple_rings(e.amodal)),
         *((ring, "visible", {"element": e.id}) for e in key_frame.elements for ring in simple_rings(e.visible)),
+        *((ring, "blank", {}) for ring in simple_rings(key_frame.blank)),
     ]
     results = []
     for i, (ring, label, texts) in enumerate(drawn):

@@ -84,7 +84,8 @@ def with_key_frame(scene: Scene, change: Callable[[KeyFrame], KeyFrame]) -> Scen
 
 
 def test_clean_scenes_are_clean(scene: Scene, matches: list[Matches], real_clip: Path) -> None:
-    assert suspicions(load_scene(real_clip)) == []
+    # What a person left blank there is a gap, and rightly named.
+    assert [line for line in suspicions(load_scene(real_clip)) if ": gap of " not in line] == []
     assert annotation_suspicions(scene) == []
     for check in (camera_suspicions, scale_suspicions, motion_suspicions):
         assert check(scene, matches) == []
@@ -313,14 +314,12 @@ def test_elements_drawn_twice(scene: Scene) -> None:
     wall = next(e for e in scene.key_frames[0].elements if e.label == "wall")
     again = replace(wall, id="again")
     (line,) = annotation_suspicions(with_key_frame(scene, lambda k: replace(k, elements=(*k.elements, again))))
-    assert line == (
-        f"{scene.frame_of(0).name}: elements {wall.id} (wall) and again (wall) are almost the same polygon: delete one"
-    )
+    assert line == f"{scene.frame_of(0).name}: wall {wall.id} and wall again are almost the same polygon: delete one"
     left, top, right, bottom = wall.amodal.bounds
     half = MultiPolygon([shapely.box((left + right) / 2, top, right, bottom)]) & wall.amodal
     part = replace(again, amodal=MultiPolygon(shapely.get_parts(half).tolist()), visible=MultiPolygon())
     (line,) = annotation_suspicions(with_key_frame(scene, lambda k: replace(k, elements=(*k.elements, part))))
-    assert "and again (wall) overlap by 100% of the smaller" in line
+    assert "and wall again overlap by 100% of the smaller" in line
     window = replace(part, label="window")
     assert annotation_suspicions(with_key_frame(scene, lambda k: replace(k, elements=(*k.elements, window)))) == []
 

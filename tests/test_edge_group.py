@@ -21,7 +21,7 @@ def edge(shift_px: FloatArray | float = 0.0, scale: float = 1.0) -> EdgeGroup:
     camera = CAMERA.placed(CAMERA.R_cam_from_world, scale * CAMERA.center_world)
     points_px, _ = camera.project(scale * FOOT)
     points_px[:, 1] += shift_px
-    return EdgeGroup(camera, (0, 1), points_px)
+    return EdgeGroup(camera, (0, 1), points_px, key_frame=0)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-3, 1e4])
@@ -60,12 +60,12 @@ def test_two_points_stand_for_it_one_deviation_off_its_middle() -> None:
 def test_misfits_count_as_of_a_small_image_and_up_to_a_limit() -> None:
     large = rooms.level_camera([2.0, 1.0, 1.25], focal=640.0, width=1280, height=960)
     assert large.annotation_scale == pytest.approx(2.0)
-    group = EdgeGroup(large, (0, 1), np.zeros((2, 2)))
+    group = EdgeGroup(large, (0, 1), np.zeros((2, 2)), key_frame=0)
     np.testing.assert_allclose(group.annotation_px(np.array([-8.0, 3.0, np.inf])), [-4.0, 1.5, FARTHEST_PX])
 
 
 def test_it_knows_both_its_sides() -> None:
-    group = EdgeGroup(CAMERA, (4, 7), np.zeros((2, 2)))
+    group = EdgeGroup(CAMERA, (4, 7), np.zeros((2, 2)), key_frame=0)
     assert (group.other(4), group.other(7)) == (7, 4)
 
 
@@ -81,7 +81,7 @@ def test_the_farthest_point_is_a_corner_of_the_hull() -> None:
 def test_shift_and_tilt_are_those_of_its_two_representatives_and_change_with_the_offset() -> None:
     large = rooms.level_camera([2.0, 1.0, 1.25], focal=640.0, width=1280, height=960)
     points_px, _ = large.project(FOOT)
-    groups = [edge(np.linspace(1, 4, 9)), EdgeGroup(large, (0, 1), points_px + np.array([0, 6.0]))]
+    groups = [edge(np.linspace(1, 4, 9)), EdgeGroup(large, (0, 1), points_px + np.array([0, 6.0]), key_frame=0)]
     planes = np.stack([FLOOR, FAR])
     offsets = np.array([[0.0, 0.02, -0.01], [0.01, 0.0, 0.03]])
     px, by_offset = shifts_and_tilts_px(groups, planes, offsets)

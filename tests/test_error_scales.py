@@ -54,7 +54,7 @@ def test_a_measurement_weighs_as_the_student_t_of_its_size_has_it() -> None:
     edges = [(EDGE, 0, rng.normal(size=(m, 3)), 3 * rng.normal(size=m)) for m in [1, 2, 3] * 20]
     prior = (PRIOR, 0, np.eye(3) / 100, np.zeros(3))
     linear, config = system(1, [*edges, prior]), replace(UncertaintyConfig(), rounds=300)
-    covariance, scale, row_weight = uncertainty._scales(linear, config)
+    covariance, scale, row_weight = uncertainty.robust_scales(linear, config)
     jacobian = dense(linear.rows)
     residual = jacobian @ covariance @ jacobian.T @ (row_weight * linear.target) - linear.target
     errors = np.add.reduceat(residual**2, linear.first)[:-1]
@@ -68,7 +68,7 @@ def test_a_measurement_weighs_as_the_student_t_of_its_size_has_it() -> None:
 def test_few_residuals_hardly_move_a_scale_from_what_is_expected() -> None:
     one = system(1, [(EDGE, 0, np.zeros((1, 3)), np.array([10.0])), (PRIOR, 0, np.eye(3), np.zeros(3))])
     config = replace(UncertaintyConfig(), rounds=1)
-    _, scale, _ = uncertainty._scales(one, config)
+    _, scale, _ = uncertainty.robust_scales(one, config)
     # One residual of ten, weighed (8 + 1) / (8 + 100), and six of the expected size.
     assert scale[EDGE] == pytest.approx(np.sqrt((9 / 108 * 100 + 6) / (1 + 6)))
 

@@ -329,7 +329,7 @@ def test_nothing_is_overwritten(tiny: Path, capfd: pytest.CaptureFixture[str]) -
 def test_label_configurations_are_printed(tool: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["import", "--label-config", tool]) == 0
     said = capfd.readouterr().out
-    assert all(f'"{label}"' in said for label in (*LABELS, "visible", "occlusion_edge"))
+    assert all(f'"{label}"' in said for label in (*LABELS, "visible", "blank", "occlusion_edge"))
 
 
 def test_source_and_target_are_needed(capfd: pytest.CaptureFixture[str]) -> None:

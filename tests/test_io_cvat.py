@@ -425,7 +425,7 @@ def test_what_we_write_is_read_by_datumaro(tiny: Path) -> None:
     frames = load_scene(tiny).frames
     write_cvat(tiny / "annotations.xml", frames, _layout())
     seen = json.loads(run_tool("read_cvat.py", str(tiny / "annotations.xml")))
-    assert {*LABELS, "visible", "occlusion_edge", PROPOSED} == set(seen["labels"])
+    assert {*LABELS, "visible", "blank", "occlusion_edge", PROPOSED} == set(seen["labels"])
     (shapes,) = seen["items"].values()
     line = shapes[-1]
     assert (line["type"], line["label"]) == ("polyline", "occlusion_edge")

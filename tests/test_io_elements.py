@@ -24,7 +24,7 @@ from gtlayout.scene import Camera, FloatArray, Frame, Label
 @pytest.mark.parametrize(
     ("label", "kind"),
     [
-        *((kind, kind) for kind in ("floor", "ceiling", "wall", "slanted", "door", "window", "visible")),
+        *((kind, kind) for kind in ("floor", "ceiling", "wall", "slanted", "door", "window", "visible", "blank")),
         ("Floor", "floor"),
         ("floor_1", "floor"),
         ("WALL 02", "wall"),

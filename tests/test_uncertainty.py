@@ -152,7 +152,7 @@ def test_ellipsoids_hold_what_they_should(truth: Truth) -> None:
     for seed in range(30):
         evidence = drawn(truth, seed)
         linear = linearise(truth.tracks, evidence, truth.planes, np.arange(count), PLAIN)
-        covariance, _, row_weight = uncertainty._scales(linear, PLAIN.uncertainty)
+        covariance, _, row_weight = uncertainty.robust_scales(linear, PLAIN.uncertainty)
         jacobian = dense(linear.rows)
         gradient = jacobian.T @ (row_weight * linear.target)
         step = np.asarray(np.linalg.solve(jacobian.T @ (row_weight[:, None] * jacobian), gradient))
@@ -221,7 +221,7 @@ def test_covariances_are_of_planes_and_absent_ones_have_none(truth: Truth) -> No
 
 def test_covariances_are_those_of_the_system_written_out(truth: Truth) -> None:
     linear = linearise(truth.tracks, drawn(truth, 0), truth.planes, np.arange(len(truth.planes)), PLAIN)
-    covariance, _, row_weight = uncertainty._scales(linear, PLAIN.uncertainty)
+    covariance, _, row_weight = uncertainty.robust_scales(linear, PLAIN.uncertainty)
     jacobian = dense(linear.rows)
     written = np.linalg.inv(jacobian.T @ (row_weight[:, None] * jacobian))[: len(covariance), : len(covariance)]
     sigma = np.sqrt(np.diag(written))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gtlayout.check.annotations import annotation_suspicions
+from gtlayout.check.annotations import annotation_suspicions, gaps
 from gtlayout.check.cameras import camera_suspicions, fits_images
 from gtlayout.check.images import look_through
 from gtlayout.check.motion import motion_suspicions
@@ -27,9 +27,9 @@ def contents(scene: Scene) -> str:
 def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done, _total: None) -> list[str]:
     """All that is suspicious about ``scene``, a line each: what, in which file, frame or element, and what to do.
 
-    First the readers' warnings, then images, annotations, cameras, scale and motion. Every image is decoded once, and
-    some twenty once more for their features; ``progress`` is called with (frames done, frames in all). Checks that
-    depend on the cameras' poses are left out when these do not fit the images.
+    First the readers' warnings, then images, annotations, cameras, scale and motion, at last gaps. Every image is
+    decoded once, and some twenty once more for their features; ``progress`` is called with (frames done, frames in
+    all). Checks that depend on the cameras' poses are left out when these do not fit the images.
     """
     seen = look_through(scene, progress)
     otherwise = camera_suspicions(scene, seen.matches)
@@ -38,7 +38,7 @@ def suspicions(scene: Scene, progress: Callable[[int, int], None] = lambda _done
         lines += [*scale_suspicions(scene, seen.matches), *motion_suspicions(scene, seen.matches)]
         # The same again, in smaller figures, where cameras fit better when they are read in another way.
         lines += [] if otherwise else shared_error_suspicions(scene, seen.matches)
-    return lines
+    return [*lines, *gaps(scene)]
 
 
 def _lenses(frame: Frame) -> tuple[Undistortion, ...]:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
 
 import shapely
 from shapely import LineString
 
+from gtlayout.review.tiling import tiling_findings
 from gtlayout.scene import Element, FloatArray, Scene
 
 MIN_KEY_FRAMES = 3
 """With one or two key frames errors of the annotation hardly show, because nothing contradicts them."""
-MAX_OVERLAP = 0.2
-"""Share of the smaller of two elements with one label that the other may cover."""
-SAME_IOU = 0.9
-"""Two elements with this IoU are taken for one that was drawn twice."""
 MIN_INSIDE = 0.5
 """Share of an element's visible part that must lie in its polygon."""
 MAX_STRAY_PX = 10.0
@@ -25,14 +21,19 @@ MAX_STRAY_SHARE = 0.5
 
 
 def annotation_suspicions(scene: Scene) -> list[str]:
-    """Too few key frames; then elements drawn twice, visible parts outside and stray edges, key frame by key frame."""
+    """Too few key frames; visible parts outside and stray edges, key frame by key frame; overlaps."""
     lines = []
     for k, key_frame in enumerate(scene.key_frames):
         name = scene.frame_of(k).name
-        lines += [f"{name}: {line}" for line in _drawn_twice(key_frame.elements)]
         lines += [f"{name}: {line}" for line in _visible_outside(key_frame.elements)]
         lines += [f"{name}: {line}" for line in _stray_edges(key_frame.elements, key_frame.occlusion_edges)]
-    return [*_few(scene), *_without_visible(scene), *lines]
+    overlaps = [finding.line for finding in tiling_findings(scene) if finding.kind == "overlap"]
+    return [*_few(scene), *_without_visible(scene), *lines, *overlaps]
+
+
+def gaps(scene: Scene) -> list[str]:
+    """What the drawings leave blank. Only the annotator knows whether it is meant, and can say so."""
+    return [finding.line for finding in tiling_findings(scene) if finding.kind == "gap"]
 
 
 def _few(scene: Scene) -> list[str]:
@@ -51,19 +52,6 @@ def _without_visible(scene: Scene) -> list[str]:
     if len(bare) == len(scene.key_frames):
         return []
     return [f"{name}: no visible part drawn, so points on furniture are tracked, too" for name in bare]
-
-
-def _drawn_twice(elements: tuple[Element, ...]) -> Iterator[str]:
-    for a, b in combinations(elements, 2):
-        if not a.amodal.intersects(b.amodal):
-            continue
-        both = a.amodal.intersection(b.amodal).area
-        smaller = min(a.amodal.area, b.amodal.area)
-        which = f"elements {a.id} ({a.label}) and {b.id} ({b.label})"
-        if both > SAME_IOU * (a.amodal.area + b.amodal.area - both):
-            yield f"{which} are almost the same polygon: delete one"
-        elif a.label == b.label and both > MAX_OVERLAP * smaller:
-            yield f"{which} overlap by {both / smaller:.0%} of the smaller: one label wrong, or one drawn too large"
 
 
 def _visible_outside(elements: tuple[Element, ...]) -> Iterator[str]:

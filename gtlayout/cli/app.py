@@ -11,10 +11,12 @@ from cyclopts.validators import Number
 
 from gtlayout.cli.console import (
     FROM_THE_FOLDER,
+    SUSPICIOUS,
     NotNegative,
     Positive,
     Sources,
     exit_status,
+    print_findings,
     print_warnings,
     progress_bars,
     stdout,
@@ -25,14 +27,11 @@ from gtlayout.version import __version__
 from gtlayout.viewer.process import WEB_PORT, open_log, serve_log
 from gtlayout.viewer.session import RerunMode, rerun_observer
 
-SUSPICIOUS = 3
-"""Exit status of a check that found something."""
-
 app = App(
     name="gtlayout",
     help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
     help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 3 something suspicious "
-    "(check) or some scenes failed (batch), 130 interrupted.",
+    "(check, review) or some scenes failed (batch), 130 interrupted.",
     version=__version__,
     suppress_keyboard_interrupt=False,
 )
@@ -57,8 +56,9 @@ def solve(
     """Reconstruct the room in a scene folder.
 
     The folder holds images or a video, cameras and annotations, in any of the known formats. The command writes
-    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json, config.json and
-    timings.json. A scene that fails leaves no files. Refined cameras are written to cameras.json.
+    layout.json (planes, covariances, extents, dimensions, mesh), layout.glb, layout.ply, quality.json, review.json
+    (drawings that are probably wrong), config.json and timings.json. A scene that fails leaves no files. Refined
+    cameras are written to cameras.json.
 
     Parameters
     ----------
@@ -87,6 +87,7 @@ def solve(
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
     from gtlayout.results.tables import camera_line, dimensions, headline_text, instance_table, measures, reasons
+    from gtlayout.review.review import review as review_drawings
     from gtlayout.tracking.config import TrackingConfig
 
     tracking = TrackingConfig(raft_weights=None if raft_weights is None else str(raft_weights))
@@ -94,7 +95,9 @@ def solve(
     scene = load(scene_dir, **vars(sources))
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG_FILE, progress) as observer:
         solution = solve_scene(scene, config, observer)
-        save(solution, out_dir)
+        observer.stage("review")
+        findings = review_drawings(solution)
+        save(solution, out_dir, findings)
 
     console = stdout()
     console.print(headline_text(solution.quality.headline))
@@ -106,6 +109,7 @@ def solve(
     if solution.cameras is not None and (solution.cameras.refined or verbose):
         console.print(camera_line(solution.cameras, scene.metric))
     print_warnings(console, solution.scene.warnings, verbose)
+    print_findings(console, findings, verbose)
     if verbose:
         for stage, seconds in solution.timings_s.items():
             console.print(f"{stage:<16}{seconds:8.2f} s")
@@ -275,6 +279,13 @@ app.command(
     name="synth",
     config=_note_given,
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
+)
+
+
+app.command(
+    "gtlayout.cli.review:review",
+    name="review",
+    help="Solve a scene, and list the drawings that are probably wrong, the worst first, by frame and element.",
 )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
@@ -17,6 +17,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from gtlayout.errors import GtlayoutError
 from gtlayout.observer import Observer
 
+if TYPE_CHECKING:
+    from gtlayout.review.findings import Finding
+
+SUSPICIOUS = 3
+"""Exit status of a check or a review that found something."""
 SHOWN_WARNINGS = 5
 """More than these are only counted, unless -v is given."""
 Positive = Annotated[int, Parameter(validator=Number(gte=1))]
@@ -72,6 +77,15 @@ def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> 
         console.print(f"warning: {warning}", style="yellow")
     if len(shown) < len(warnings):
         console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
+
+
+def print_findings(console: Console, findings: Sequence[Finding], verbose: bool) -> None:
+    """Print the worst findings of a review, or all of them."""
+    shown = findings if verbose else findings[:SHOWN_WARNINGS]
+    for finding in shown:
+        console.print(f"{finding.kind}: {finding.line}", style="yellow")
+    if len(shown) < len(findings):
+        console.print(f"… and {len(findings) - len(shown)} more findings (see them with -v)", style="yellow")
 
 
 class _ProgressBars(Observer):

@@ -42,9 +42,9 @@ class Similarity:
         return vectors_local @ self.R / self.scale
 
     def planes(self, planes_world: FloatArray) -> FloatArray:
-        """(S, 4) planes of the world in the local one."""
-        offset = self.scale * (planes_world[:, 3] + planes_world[:, :3] @ self.origin)
-        return np.column_stack([planes_world[:, :3] @ self.R.T, offset])
+        """(S, 4) planes of the world in the local one: the inverse of ``planes_to_world``."""
+        normals = planes_world[:, :3] @ self.R.T
+        return np.column_stack([normals, self.scale * (planes_world[:, :3] @ self.origin + planes_world[:, 3])])
 
     def planes_to_world(
         self, planes_local: FloatArray, anchor: FloatArray | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,6 +26,7 @@ class EdgeGroup:
     instances: tuple[int, int]
     """The smaller number first."""
     points_px: FloatArray
+    key_frame: int = field(kw_only=True)
 
     def other(self, instance: int) -> int:
         """The instance on its other side."""
@@ -74,6 +75,17 @@ class EdgeGroup:
         if offset is not None:
             planes = planes - np.pad(planes[:, :3] @ offset[:, None], ((0, 0), (3, 0)))
         return self.distances_px(planes[a][None], planes[b])[0]
+
+    def feet_px(self, planes: FloatArray, offset: FloatArray) -> FloatArray:
+        """(P, 2) the points of the line in which its own two of (S, 4) ``planes`` meet, moved by (3,) ``offset``, that
+        are nearest to its points.
+        """
+        a, b = planes[list(self.instances)]
+        clearance_a, clearance_b = (plane[:3] @ (self.center - offset) + plane[3] for plane in (a, b))
+        line = (clearance_a * b[:3] - clearance_b * a[:3]) @ self.line_by_normal
+        across = line[:2] / max(float(line[:2] @ line[:2]), 1e-24)
+        feet: FloatArray = self.points_px - (self._homogeneous @ line)[:, None] * across
+        return feet
 
     def annotation_px(self, misfits_px: FloatArray) -> FloatArray:
         """(P,) misfits as of an image of 640x480, up to ``FARTHEST_PX``."""

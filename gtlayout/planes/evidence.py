@@ -199,7 +199,12 @@ def _edge_groups(
     # Samples are whole steps apart, so many edges have exactly the least length, up to rounding.
     least_px = [min_length_px * camera.annotation_scale - _ROUNDING_PX for camera in key_cameras]
     return tuple(
-        EdgeGroup(key_cameras[edge.key_frame], (min(edge.instances), max(edge.instances)), edge.points_px)
+        EdgeGroup(
+            key_cameras[edge.key_frame],
+            (min(edge.instances), max(edge.instances)),
+            edge.points_px,
+            key_frame=edge.key_frame,
+        )
         for edge in edges
         if root[edge.instances[0]] != root[edge.instances[1]]
         and np.linalg.norm(np.ptp(edge.points_px, axis=0)) >= least_px[edge.key_frame]

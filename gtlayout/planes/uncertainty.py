@@ -24,7 +24,7 @@ from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
 from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.linear_system import ANGLE, EDGE, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.linearisation import linearise
-from gtlayout.scene import FloatArray, IntArray
+from gtlayout.scene import BoolArray, FloatArray, IntArray
 from gtlayout.tracking.tracks import Tracks
 
 
@@ -55,7 +55,7 @@ class Scales:
 def error_scales(tracks: Tracks, evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Scales:
     """The scale of errors from the residuals at (S, 4) ``planes``."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
-    _, scale, _ = _scales(linearise(tracks, evidence, planes, placed, config), config.uncertainty)
+    _, scale, _ = robust_scales(linearise(tracks, evidence, planes, placed, config), config.uncertainty)
     return Scales(float(scale[SHARED_DEPTH]), float(scale[EDGE]), float(scale[OFFSET]), float(scale[ANGLE]))
 
 
@@ -63,7 +63,7 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     """Covariance of all planes at the solution ``planes`` (S, 4), with errors as large as the residuals show."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = linearise(tracks, evidence, planes, placed, config)
-    covariance, _, row_weight = _scales(linear, config.uncertainty)
+    covariance, _, row_weight = robust_scales(linear, config.uncertainty)
     elimination = eliminate(linear.rows.tree, linear.rows.information(row_weight))
     by_cameras = _moved_by_cameras(linear, elimination, evidence, planes, placed, row_weight)
     tangents = covariance + by_cameras @ by_cameras.T
@@ -123,16 +123,20 @@ def _moved_by_cameras(
     return moved
 
 
-def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray, FloatArray, FloatArray]:
+def robust_scales(
+    linear: LinearSystem, config: UncertaintyConfig, used: BoolArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(3P, 3P) covariance of the planes at the estimated scales, (7,) these scales by family, and the (R,) weights it
     was made with.
 
     Iterates between the unknowns with their covariance, the weight of each measurement (Student t), and the scales. The
-    scales are one update newer than the covariance and its weights.
+    scales are one update newer than the covariance and its weights. Of the G measurements those not ``used`` have no
+    weight; all are when not given.
     """
     rows, size = linear.rows, linear.size
     scale = np.ones(7)
-    weight = np.ones(len(size))
+    counted = np.ones(len(size)) if used is None else used.astype(np.float64)
+    weight = counted
     for _ in range(config.rounds):
         row_weight = np.repeat(weight / scale[linear.family] ** 2, size)
         elimination = eliminate(rows.tree, rows.information(row_weight))
@@ -144,9 +148,9 @@ def _scales(linear: LinearSystem, config: UncertaintyConfig) -> tuple[FloatArray
         expected = error + np.add.reduceat(absorbed, linear.first)
         freedom = config.student_freedom
         robust = linear.family != PRIOR
-        weight = np.where(robust, (freedom + size) / (freedom + error / scale[linear.family] ** 2), 1.0)
+        weight = counted * np.where(robust, (freedom + size) / (freedom + error / scale[linear.family] ** 2), 1.0)
         for family in (TRACK, SHARED_DEPTH, EDGE, OFFSET, ANGLE):
-            own = linear.family == family
+            own = (linear.family == family) & (counted > 0)
             if not own.any():
                 continue
             measured = np.sum(weight[own] * expected[own]) + config.prior_measurements

@@ -15,7 +15,7 @@ from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import extents_without
 from gtlayout.instances import Instance, Member, Members, Plane
 from gtlayout.prediction.matching import Overlap, match, overlap
-from gtlayout.prediction.predict import predict
+from gtlayout.prediction.predict import Prediction, predict
 from gtlayout.regrouping.config import RegroupingConfig
 from gtlayout.scene import FloatArray, IntArray, Label, Scene
 
@@ -34,6 +34,8 @@ class KeyFrameMatch:
     labels: tuple[Label, ...]
     """(I,) of the instances."""
     overlap: Overlap
+    prediction: Prediction
+    """What all others predict in it."""
 
     @property
     def own_iou(self) -> FloatArray:
@@ -74,11 +76,12 @@ def match_key_frames(
     matches = []
     for k, extents in zip(key_frames, extents_without(scene, instances, planes, key_frames, extent), strict=True):
         elements = scene.key_frames[k].elements
-        found = overlap(elements, predict(planes, extents, instances, scene.frame_of(k).camera))
+        prediction = predict(planes, extents, instances, scene.frame_of(k).camera)
+        found = overlap(elements, prediction)
         matched = match(found, [element.label for element in elements], labels, config.prediction)
         own = np.array([instance_of[k, e] for e in range(len(elements))])
         others = np.array([len(instances[i].members) - 1 for i in own])
-        matches.append(KeyFrameMatch(k, own, others, tuple(matched), labels, found))
+        matches.append(KeyFrameMatch(k, own, others, tuple(matched), labels, found, prediction))
     return tuple(matches)
 
 

@@ -17,10 +17,11 @@ from gtlayout.geometry.depth import median_depth
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.config import QualityConfig
-from gtlayout.report.frames import key_frame_data
+from gtlayout.report.frames import finding_lines, key_frame_data
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.report.room_view import room_view
 from gtlayout.results.tables import most_certain_first, reasons
+from gtlayout.review.findings import Finding
 from gtlayout.scene import ImageArray, Scene
 
 
@@ -34,10 +35,12 @@ def report_data(
     config: Mapping[str, Any],
     versions: Mapping[str, str],
     warnings: Sequence[str] = (),
+    findings: Sequence[Finding] | None = None,
 ) -> dict[str, Any]:
     """Everything the template needs, as dicts, lists, strings and numbers; no NaN.
 
-    ``photos`` are (H, W, 3) RGB, one per key frame, None where it cannot be read.
+    ``photos`` are (H, W, 3) RGB, one per key frame, None where it cannot be read. ``findings`` are those of a review of
+    the drawings; None when there was none.
     """
     colors = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in instance_colors(range(len(layout.instances)))]
     full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
@@ -68,10 +71,13 @@ def report_data(
         },
         "reasons": reasons(layout, quality),
         "warnings": list(warnings),
+        "findings": None if findings is None else [_finding(finding) for finding in findings],
         "instances": _instances(layout, quality, colors),
         "dimensions": _dimensions(layout),
         "frames": [
-            key_frame_data(scene, layout, quality, number, photo, colors) for number, photo in enumerate(photos)
+            key_frame_data(scene, layout, quality, number, photo, colors)
+            | {"findings": finding_lines(findings or (), number)}
+            for number, photo in enumerate(photos)
         ],
         "room": room_view(scene, layout, full) if len(layout.triangles.faces) else None,
         "floor_plan": _floor_plan(scene, layout),
@@ -103,6 +109,15 @@ def _instances(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[
         }
         for instance, plane, extent, judged, color in parts
     ]
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "number": finding.key_frame,
+        "frame": finding.frame_name,
+        "kind": finding.kind,
+        "message": finding.message,
+    }
 
 
 def _dimensions(layout: Layout) -> list[dict[str, Any]]:

@@ -18,6 +18,7 @@ from gtlayout.report.page import page
 from gtlayout.results.layout_files import package_versions, read_layout
 from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.results.refined_cameras import with_refined_cameras
+from gtlayout.results.review_file import read_review
 from gtlayout.solution import Solution
 
 
@@ -65,6 +66,7 @@ def write_report(
         config=records.config,
         versions=records.versions,
         warnings=records.warnings or scene.warnings,
+        findings=read_review(folder, scene),
     )
     write_atomic(out, page(data))
 

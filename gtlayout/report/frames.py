@@ -22,6 +22,7 @@ from gtlayout.io.pixels.images import encoded, read_rgb
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.report.plain import data_uri, finite
+from gtlayout.review.findings import Finding
 from gtlayout.scene import OPENINGS, ImageArray, Scene
 
 MAX_WIDTH_PX = 960
@@ -73,6 +74,19 @@ def key_frame_data(
             if one.key_frame == number
         ],
     }
+
+
+def finding_lines(findings: Sequence[Finding], number: int) -> list[dict[str, Any]]:
+    """Where the findings of key frame ``number`` are, and where what is wrong should be, as points of polylines."""
+    return [
+        {
+            "where": _points(finding.where_px),
+            "expected": None if finding.expected_px is None else _points(finding.expected_px),
+            "title": f"{finding.kind}: {finding.message}",
+        }
+        for finding in findings
+        if finding.key_frame == number
+    ]
 
 
 def photo(scene: Scene, number: int) -> ImageArray | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from importlib.metadata import version
@@ -23,9 +23,11 @@ from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
 from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
-from gtlayout.results.names import LOG_FILE, REPORT_FILE, TIMINGS_FILE
+from gtlayout.results.names import LOG_FILE, REPORT_FILE, REVIEW_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text
+from gtlayout.results.review_file import review_text
+from gtlayout.review.findings import Finding
 from gtlayout.scene import LABELS, FloatArray, Scene
 from gtlayout.version import __version__
 
@@ -40,11 +42,13 @@ def write_results(
     config: Config,
     new_cameras: bool = False,
     timings_s: Mapping[str, float] | None = None,
+    findings: Sequence[Finding] | None = None,
 ) -> None:
     """Write all result files. All are complete before the first takes its place. Those of an earlier solve are removed.
 
     ``new_cameras``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
     seconds of each stage; in a file of their own, because all others are the same bytes for the same input.
+    ``findings``: those of a review of the drawings, if there was one.
 
     Raises:
         GtlayoutError: the folder or disk does not take them.
@@ -54,6 +58,8 @@ def write_results(
         optional[out_dir / CAMERAS_FILE] = refined_cameras_text(scene)
     if timings_s is not None:
         optional[out_dir / TIMINGS_FILE] = json_text({"seconds": dict(timings_s)})
+    if findings is not None:
+        optional[out_dir / REVIEW_FILE] = review_text(findings)
     write_all_atomic(
         {
             **optional,
@@ -65,7 +71,7 @@ def write_results(
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
         }
     )
-    for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE):
+    for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE, REVIEW_FILE):
         if out_dir / stale not in optional:
             (out_dir / stale).unlink(missing_ok=True)
 

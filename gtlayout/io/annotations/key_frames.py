@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from shapely import MultiPolygon
+
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.checked import because
 from gtlayout.io.annotations.elements import DrawnElement, DrawnVisible, assemble
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import Kind, label_meanings, meaning
-from gtlayout.io.annotations.outlines import MAX_STRETCH, Repairs, View, polyline, region
+from gtlayout.io.annotations.outlines import MAX_STRETCH, Repairs, View, polyline, region, united
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
 from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
 
@@ -54,7 +56,7 @@ def build_key_frames(
     warnings = [
         *(
             f"{file}: {n} shapes with unknown label {label!r} dropped (known: {', '.join(LABELS)}, visible, "
-            f"occlusion_edge; {LABELS_FILE} can say what others mean)"
+            f"occlusion_edge, blank; {LABELS_FILE} can say what others mean)"
             for label, n in sorted(unknown_labels.items())
         ),
         *(f"{file}: {line}" for line in (*find.warnings, *skipped)),
@@ -87,6 +89,7 @@ def _key_frame(
     elements: list[DrawnElement] = []
     visible: list[DrawnVisible] = []
     edges: list[FloatArray] = []
+    blank: list[MultiPolygon] = []
     for number, shape in enumerate(raw.shapes, start=1):
         kind = meaning(shape.label, meanings)
         where = f"{view.name}, " + (f"element {shape.id}" if shape.id else f"shape {number} ({shape.label})")
@@ -98,6 +101,8 @@ def _key_frame(
                 repairs.lines.append(f"{where}: an occlusion edge is a polyline, the polygon was dropped")
         elif kind != "ignored" and not shape.polygons and shape.lines:
             repairs.lines.append(f"{where}: a polyline encloses no area, dropped")
+        elif kind == "blank":
+            blank.append(region(shape.polygons, view, where, repairs))
         elif kind == "visible":
             part = region(shape.polygons, view, f"{where}, visible part", repairs)
             if not part.is_empty:
@@ -113,7 +118,7 @@ def _key_frame(
     repairs.lines += [f"{view.name}: {note}" for note in notes]
     if not assembled:
         repairs.lines.append(f"{view.name}: no element annotated, not used as a key frame")
-    return KeyFrame(index, assembled, tuple(edges))
+    return KeyFrame(index, assembled, tuple(edges), united(blank))
 
 
 def _other_shape(view: View) -> str | None:

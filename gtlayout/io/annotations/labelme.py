@@ -153,6 +153,7 @@ def _mask(png_base64: Any, points_px: FloatArray) -> tuple[FloatArray, ...]:
 
 def _shapes(key_frame: KeyFrame) -> list[dict[str, Any]]:
     shapes = [_written("occlusion_edge", "linestrip", line) for line in key_frame.occlusion_edges]
+    shapes += [_written("blank", "polygon", ring) for ring in simple_rings(key_frame.blank)]
     for group, element in enumerate(key_frame.elements, start=1):
         regions: tuple[tuple[str, MultiPolygon, str], ...] = (
             (element.label, element.amodal, f"id={element.id}"),

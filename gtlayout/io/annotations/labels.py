@@ -12,9 +12,10 @@ from gtlayout.io.files import read_json
 from gtlayout.scene import LABELS, Label
 
 FILE_NAME = "labels.json"
-Kind = Label | Literal["visible", "occlusion_edge", "ignored"]
-"""A structural element, a visible part of one, an edge along which neighbours do not touch, or ignored."""
-KINDS: tuple[Kind, ...] = (*LABELS, "visible", "occlusion_edge", "ignored")
+Kind = Label | Literal["visible", "occlusion_edge", "blank", "ignored"]
+"""A structural element, a visible part of one, an edge along which neighbours do not touch, a part of the image that is
+left blank on purpose, or ignored."""
+KINDS: tuple[Kind, ...] = (*LABELS, "visible", "blank", "occlusion_edge", "ignored")
 SYNONYMS: dict[str, Kind] = {
     "ground": "floor",
     "slantedceiling": "slanted",
@@ -62,7 +63,7 @@ def read_label_file(path: Path) -> Mapping[str, Kind]:
         if kind is None:
             raise GtlayoutError(
                 f"{path}: {label!r} means {value!r}; known are {', '.join(get_args(Label))}, "
-                "visible, occlusion_edge, and null for what is to be ignored"
+                "visible, occlusion_edge, blank, and null for what is to be ignored"
             )
         own[label] = kind
     return own

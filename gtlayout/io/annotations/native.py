@@ -106,6 +106,8 @@ def _entry(image: str, key_frame: KeyFrame, scores: Mapping[str, float] | None =
             for element in key_frame.elements
         ],
         "occlusion_edges": list(key_frame.occlusion_edges),
+        # Few have any, and readers before this key existed would say nothing of it.
+        **({} if key_frame.blank.is_empty else {"blank": simple_rings(key_frame.blank)}),
     }
 
 
@@ -126,7 +128,8 @@ def _key_frame(data: Any, index: int, size: tuple[int, int] | None, notes: Notes
             continue
         elements[str(element.id)] = element
     edges = RawShape("occlusion_edge", lines=_polylines(data, "occlusion_edges", image, notes))
-    return RawKeyFrame(image, (*elements.values(), edges), size)
+    blank = RawShape("blank", _polylines(data, "blank", image, notes))
+    return RawKeyFrame(image, (*elements.values(), edges, *([blank] if blank.polygons else [])), size)
 
 
 def _element(data: Any, image: str, notes: Notes) -> RawShape:

@@ -31,7 +31,8 @@ from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
 AMODAL_FIELDS = ("segmentation", "a_segm")
 VISIBLE_FIELDS = ("inmodal_seg", "i_segm", "visible_mask")
 VISIBLE = "visible"
-CATEGORIES = (*LABELS, VISIBLE)
+BLANK = "blank"
+CATEGORIES = (*LABELS, VISIBLE, BLANK)
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,8 @@ def write_coco(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFram
             annotations.append(_annotation(element.amodal, element.label, image_id, {"id": element.id}))
             if not element.visible.is_empty:
                 annotations.append(_annotation(element.visible, VISIBLE, image_id, {"element": element.id}))
+        if not key_frame.blank.is_empty:
+            annotations.append(_annotation(key_frame.blank, BLANK, image_id, {}))
     categories = [{"id": i, "name": label, "supercategory": ""} for i, label in enumerate(CATEGORIES, start=1)]
     numbered = [{"id": i, **annotation} for i, annotation in enumerate(annotations, start=1)]
     parts = {"info": {}, "licenses": [], "categories": categories, "images": images, "annotations": numbered}

@@ -34,6 +34,8 @@ def write_cvat(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFram
                 _shape(image, "polygon", element.label, ring, {"id": element.id})
             for ring in simple_rings(element.visible):
                 _shape(image, "polygon", "visible", ring, {"element": element.id})
+        for ring in simple_rings(key_frame.blank):
+            _shape(image, "polygon", "blank", ring, {})
         for line in key_frame.occlusion_edges:
             _shape(image, "polyline", "occlusion_edge", line, {})
     ElementTree.indent(root)

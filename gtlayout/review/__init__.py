@@ -1,0 +1,1 @@
+"""Which drawing is wrong: each key frame against itself, and against what all others say of it."""
