@@ -114,7 +114,7 @@ class _Session:
 
     def solve(self, key_frames: Sequence[KeyFrame]) -> Solution:
         given = tuple(key_frames)
-        if self.last is None or self.last[0] is not key_frames:
+        if self.last is None or self.last[0] is not given:
             self.last = given, solve(replace(self.scene, key_frames=given))
         return self.last[1]
 

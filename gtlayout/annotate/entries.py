@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.annotations.checked import MAX_PX
+from gtlayout.io.annotations.checked import is_px
 
 Entry = dict[str, Any]
 """One of ``frames`` in annotations.json."""
@@ -29,7 +28,7 @@ def checked(entry: object, image: str) -> Entry:
         raise GtlayoutError(f"frame {image}: the drawing is no JSON object")
     points = 0
     seen: set[str] = set()
-    for number, element in enumerate(_list(entry, "elements", image)):
+    for number, element in enumerate(_list(entry, "elements", f"frame {image}")):
         where = f"frame {image}, element number {number}"
         if not isinstance(element, Mapping):
             raise GtlayoutError(f"{where} is no JSON object")
@@ -82,12 +81,6 @@ def _lines(data: Mapping[str, Any], key: str, where: str, least: int) -> int:
         if not isinstance(line, list) or len(line) < least:
             raise GtlayoutError(f"{where}: a line in {key} has fewer than {least} points")
         for point in line:
-            if not (isinstance(point, list) and len(point) == 2 and all(_is_px(value) for value in point)):
+            if not (isinstance(point, list) and len(point) == 2 and all(is_px(value) for value in point)):
                 raise GtlayoutError(f"{where}: {key} has a point that is no pair of pixels")
     return sum(map(len, lines))
-
-
-def _is_px(value: object) -> bool:
-    return (
-        isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value) and abs(value) <= MAX_PX
-    )

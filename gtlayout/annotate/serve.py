@@ -6,6 +6,7 @@ import os
 import secrets
 import signal
 import socket
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -32,26 +33,41 @@ def annotate(
     Drawings go to ``annotations.json``, results of full solves to ``gtlayout`` in the folder. ``port`` 0 takes any free
     one. Raises GtlayoutError when the scene cannot be annotated, or the port is taken.
     """
-    scene = open_scene(root, cameras)
-    store = Store(root, scene.frames)
-    store.read()
     with _listening(port) as listening:
-        token = secrets.token_urlsafe(16)
-        solver = Solver(scene, assistant, store.key_frames, root / FOLDER)
-        served_port = listening.getsockname()[1]
-        app = Guard(build_app(Pages(scene, store, solver, assistant), token), served_port, token)
-        config = uvicorn.Config(
-            app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
-        )
+        address, server, solver = prepared(root, assistant, listening, cameras)
         # uvicorn ends at both signals, and then raises them again for those who were there before it.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
-            announce(f"http://{LOOPBACK}:{served_port}/{token}/")
-            uvicorn.Server(config).run(sockets=[listening])
+            announce(address)
+            server.run(sockets=[listening])
         except KeyboardInterrupt:
-            return
+            pass
         finally:
             signal.signal(signal.SIGTERM, before)
+        if not solver.close():
+            # Neither can a solve be interrupted, nor does Python end while a thread is in one: it aborts.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(0)
+
+
+def prepared(
+    root: Path, assistant: Assistant, listening: socket.socket, cameras: Path | None = None
+) -> tuple[str, uvicorn.Server, Solver]:
+    """The address of the page for a scene folder, the server, which is to run on a socket of the loopback, its solver.
+
+    Raises GtlayoutError when the scene cannot be annotated.
+    """
+    scene = open_scene(root, cameras)
+    store = Store(root, scene.frames)
+    store.read()
+    solver = Solver(scene, assistant, store.key_frames, root / FOLDER)
+    port, token = listening.getsockname()[1], secrets.token_urlsafe(16)
+    app = Guard(build_app(Pages(scene, store, solver, assistant), token), port, token)
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
+    )
+    return f"http://{LOOPBACK}:{port}/{token}/", uvicorn.Server(config), solver
 
 
 def _listening(port: int) -> socket.socket:

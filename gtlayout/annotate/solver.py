@@ -21,6 +21,9 @@ from gtlayout.solution import Solution
 FULL_AFTER_S = 3.0
 """Without a change, until the full solve begins."""
 
+END_S = 0.5
+"""A solve that has just begun its last steps may take so long at the end."""
+
 Drawings = Callable[[], tuple[tuple[KeyFrame, ...], tuple[str, ...]]]
 
 
@@ -59,19 +62,31 @@ class Solver:
         self._scene, self._assistant, self._drawings, self._results = scene, assistant, drawings, results
         self._session: Session = assistant.session(scene)
         self._changed = threading.Event()
-        # Not waited for at the end: a solve cannot be interrupted, and its files are written whole or not at all.
-        threading.Thread(target=self._work, daemon=True, name="solver").start()
+        self._closed = False
+        self._saving = threading.Lock()
+        self._thread = threading.Thread(target=self._work, daemon=True, name="solver")
+        self._thread.start()
         self.changed()
 
     def changed(self) -> None:
         """Something was drawn."""
         self._changed.set()
 
+    def close(self) -> bool:
+        """No more solves, and nothing half-written. Returns whether the last one has ended: none can be stopped."""
+        self._closed = True
+        self._changed.set()
+        self._thread.join(timeout=END_S)
+        self._saving.acquire()  # and never given back: from here on nothing is written
+        return not self._thread.is_alive()
+
     def _work(self) -> None:
         full_is_due = False
-        while True:
+        while not self._closed:
             if self._changed.wait(FULL_AFTER_S if full_is_due else None):
                 self._changed.clear()
+                if self._closed:
+                    return
                 full_is_due = self._solve(full=self.state.solved is None) and not self._is_full
             else:
                 self._solve(full=True)
@@ -92,6 +107,8 @@ class Solver:
             if not key_frames:
                 self.state = replace(State(), advice=before_a_room(0, following), next_frames=following)
                 return False
+            if self.state.solved is None:
+                self.state = replace(self.state, advice=before_a_room(len(key_frames), following))
             self.state = replace(self.state, problem="", solved=self._solved(key_frames, full))
             assert self.state.solved is not None
             self.state = replace(self.state, advice=advice(self.state.solved.solution, following))
@@ -110,12 +127,11 @@ class Solver:
         solution = self._session.solve(key_frames) if full else self._session.quick(key_frames)
         seconds = time.perf_counter() - start
         if full:
-            save(solution, self._results)
+            with self._saving:
+                save(solution, self._results)
         last = self.state.solved
         findings = tuple(self._assistant.review(solution))
         return Solved(last.number + 1 if last else 1, solution, full, seconds, findings)
 
     def _failed(self, problem: str) -> None:
-        drawn = self.state.next_frames
-        said = before_a_room(1, drawn) if self.state.solved is None else self.state.advice
-        self.state = replace(self.state, problem=problem, advice=said)
+        self.state = replace(self.state, problem=problem)

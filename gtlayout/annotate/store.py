@@ -60,6 +60,7 @@ class Store:
         self._frames = frames
         self._lock = threading.Lock()
         self._read: tuple[tuple[int, int, int], Drawn] | None = None
+        self._solvable: tuple[Drawn, tuple[tuple[KeyFrame, ...], tuple[str, ...]]] | None = None
 
     def read(self) -> Drawn:
         """What the file holds. Raises GtlayoutError when it cannot be read."""
@@ -101,8 +102,16 @@ class Store:
             return digest(None if is_empty(made) else made)
 
     def key_frames(self) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
-        """What a solve reads of the file, and what was repaired or left out. Raises GtlayoutError when it cannot."""
+        """What a solve reads of the file, and what was repaired or left out; the same objects while it does not change.
+
+        Raises GtlayoutError when it cannot be read.
+        """
         drawn = self.read()
+        if self._solvable is None or self._solvable[0] is not drawn:
+            self._solvable = drawn, self._key_frames(drawn)
+        return self._solvable[1]
+
+    def _key_frames(self, drawn: Drawn) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
         if not any(isinstance(entry, dict) and entry.get("elements") for entry in drawn.data["frames"]):
             return (), ()
         raw = read_annotations(self.path.parent, self.path)

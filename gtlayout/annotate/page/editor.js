@@ -75,7 +75,13 @@ export class Editor {
   // Pointers
 
   hover(point) {
-    if (this.tool === "select") return;
+    if (this.tool === "select") {
+      if (this.cursor) {
+        this.cursor = null; // that of the keyboard
+        this.app.redraw();
+      }
+      return;
+    }
     this.cursor = this.tool === "draw" ? this.snap(point) : this.app.stage.inside(point);
     this.app.redraw();
   }
@@ -153,7 +159,7 @@ export class Editor {
   addPoint(point, event = {}) {
     const reach = (REACH[event.pointerType] ?? REACH.key) / this.app.stage.view.scale;
     if (this.pen.length >= 3 && distance(point, this.pen[0]) <= reach) return this.finish();
-    if (this.pen.length && same(point, this.pen.at(-1))) return this.finish();
+    if (this.pen.length && same(point, this.pen.at(-1))) return undefined;
     this.pen = [...this.pen, point];
     return this.app.redraw();
   }

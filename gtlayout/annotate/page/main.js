@@ -205,8 +205,8 @@ class App {
     const isBrush = editor.tool === "paint" || editor.tool === "erase";
     this.stage.draw({ entry: editor.entry, drafts: this.drafts, proposal: this.proposal, findings, selected: editor.selected, pen: editor.pen, tool: editor.tool, cursor: editor.cursor, brush: isBrush ? editor.brush : 0 });
     panels.showElements(editor.entry, this.drafts, editor.selected, this.colors, (one) => editor.select(one));
-    byId("draft-bar").hidden = this.drafts.length === 0;
-    byId("draft-count").textContent = `${this.drafts.length} proposed`;
+    byId("draft-count").textContent = this.drafts.length ? `${this.drafts.length} proposed` : "nothing proposed";
+    for (const button of byId("draft-bar").querySelectorAll("button")) button.disabled = this.drafts.length === 0;
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-pressed", String(button.dataset.tool === editor.tool && (editor.tool !== "draw" || button.dataset.label === editor.label)));
     }

@@ -4,6 +4,8 @@ import { edges, middle } from "./geometry.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MOST_SCALE = 16;
+/** px of the window round the image: its border is to be clicked on, too. */
+const MARGIN = 14;
 /** Of a proposed edge: below, a person would probably move it. */
 const CONFIDENT = 0.5;
 
@@ -47,7 +49,7 @@ export class Stage {
 
   fit() {
     const { clientWidth, clientHeight } = this.svg;
-    const scale = Math.min(clientWidth / this.size[0], clientHeight / this.size[1]) || 1;
+    const scale = Math.max(Math.min((clientWidth - 2 * MARGIN) / this.size[0], (clientHeight - 2 * MARGIN) / this.size[1]), 0.01);
     this.view = { scale, x: (clientWidth - scale * this.size[0]) / 2, y: (clientHeight - scale * this.size[1]) / 2 };
     this.fitted = true;
     this.place();
