@@ -17,7 +17,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Mount, Route
 
-from gtlayout.annotate.assistant import Assistant
+from gtlayout.annotate.assistant import Assistant, Proposal
 from gtlayout.annotate.entries import Entry, digest
 from gtlayout.annotate.shapes import halves, painted, region_of, rings_px
 from gtlayout.annotate.solver import Solver
@@ -116,7 +116,8 @@ class Pages:
         """What a frame may show and is not drawn in it: from the solved room, or else from the file's drafts."""
         frame, solved = self._frame(request), self.solver.state.solved
         if solved is not None:
-            return JSONResponse(self._answered(lambda: self._proposed(frame, solved.number)))
+            proposal = self._answered(lambda: self._proposed(frame, solved.number))
+            return JSONResponse(proposal_json(proposal, self._drawn(frame)))
         return JSONResponse(self._answered(lambda: self._draft(frame)))
 
     def room(self, _request: Request) -> Response:
@@ -146,12 +147,11 @@ class Pages:
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise GtlayoutError(f"that is no shape: {type(error).__name__}: {error}") from error
 
-    def _proposal(self, frame: int, number: int) -> dict[str, Any]:
-        """Kept while ``number``, that of the solution, is the last one."""
+    def _proposal(self, frame: int, _number: int) -> Proposal:
+        """Kept for each number of a solution."""
         solved = self.solver.state.solved
         assert solved is not None
-        proposal = self.assistant.propose(solved.solution, frame, self._bgr(frame))
-        return {**proposal_json(proposal, self._drawn(frame)), "number": number}
+        return self.assistant.propose(solved.solution, frame, self._bgr(frame))
 
     def _draft(self, frame: int) -> dict[str, Any]:
         draft = self.store.drafts().get(frame) if not self._drawn(frame) else None

@@ -223,36 +223,42 @@ export class Editor {
     this.pen = [...this.pen, point];
     this.app.redraw();
     if (this.pen.length < 2) return;
-    const { index } = this.selected;
-    const [entry, shape, line] = [this.entry, this.shapes[index], this.pen];
+    const [{ id }, line] = [this.shapes[this.selected.index], this.pen];
     Object.assign(this, { pen: [], tool: "select" });
-    await this.app.tried(async () => {
+    await this.app.changing(async () => {
+      const index = this.indexOf(id);
+      const shape = this.shapes[index];
       const { parts } = await post("shape", { op: "split", polygons: shape.polygons, line });
-      const [larger, smaller] = parts.map((polygons) => ({ ...shape, polygons }));
-      const halved = entries.replaceShape(entry, index, { ...larger, visible: [] }, { ...smaller, visible: [], id: entries.freeId(entry, shape.id) });
-      this.app.drawing.change(halved);
+      const [larger, smaller] = parts.map((polygons) => ({ ...shape, polygons, visible: [] }));
+      this.app.drawing.change(entries.replaceShape(this.entry, index, larger, { ...smaller, id: entries.freeId(this.entry, id) }));
     });
-    this.app.redraw();
   }
 
   async stroke(points) {
-    const { index } = this.selected;
-    const [shape, erase] = [this.shapes[index], this.tool === "erase"];
-    // Erasing begins with all of it: nothing drawn means that all is visible.
-    const polygons = shape.visible?.length ? shape.visible : erase ? shape.polygons : [];
+    const [{ id }, op] = [this.shapes[this.selected.index], this.tool];
     this.pen = [];
-    await this.app.tried(async () => {
-      const made = await post("shape", { op: this.tool, polygons, stroke: points, radius: this.brush, within: shape.polygons });
+    await this.app.changing(async () => {
+      const index = this.indexOf(id);
+      const shape = this.shapes[index];
+      // Erasing begins with all of it: nothing drawn means that all is visible.
+      const polygons = shape.visible?.length ? shape.visible : op === "erase" ? shape.polygons : [];
+      const made = await post("shape", { op, polygons, stroke: points, radius: this.brush, within: shape.polygons });
       this.app.drawing.change(entries.replaceShape(this.entry, index, { ...shape, visible: made.polygons }));
     });
-    this.app.redraw();
+  }
+
+  /** Where an element is now: it may have been drawn on since something was asked of the server. */
+  indexOf(id) {
+    const index = this.entry.elements.findIndex((element) => element.id === id);
+    if (index < 0) throw new Error(`${id} is no longer there.`);
+    return index;
   }
 
   /** Visible parts from texture and tracks: of the selected element, or of all that have none yet. */
   async texture() {
     const chosen = this.selected?.kind === "shape" ? [this.selected.index] : this.entry.elements.map((_, k) => k).filter((k) => !this.entry.elements[k].visible?.length);
     const openings = this.app.about.labels.filter((label) => label.opening).map((label) => label.name);
-    await this.app.tried(async () => {
+    await this.app.changing(async () => {
       let { entry } = this;
       for (const k of chosen.filter((index) => index < entry.elements.length)) {
         const shape = entry.elements[k];
@@ -261,10 +267,9 @@ export class Editor {
         entry = entries.replaceShape(entry, k, { ...shape, visible: made.polygons });
       }
       this.app.drawing.change(entry);
-      this.app.say(`Visible parts proposed for ${chosen.length} element${chosen.length === 1 ? "" : "s"}: paint (B) and erase (E) correct them.`);
     });
-    if (this.selected?.kind === "shape") this.tool = "paint";
-    this.app.redraw();
+    if (this.selected?.kind === "shape") this.setTool("paint");
+    this.app.say(`Visible parts proposed for ${chosen.length} element${chosen.length === 1 ? "" : "s"}: paint (B) and erase (E) correct them.`);
   }
 }
 

@@ -7,12 +7,14 @@ const RETRY_MS = 2000;
 export class FrameDrawing {
   /** @param told called with "saving", "saved", "conflict" or "failed" and what there is to say of it */
   constructor(index, told) {
-    Object.assign(this, { index, told, entry: nothing(), base: "", past: [], future: [], saving: null, theirs: null });
+    const entry = nothing();
+    Object.assign(this, { index, told, entry, saved: entry, isLoaded: false, base: "", past: [], future: [], saving: null, theirs: null });
   }
 
   async load() {
     const { entry, digest } = await get(`frames/${this.index}`);
-    Object.assign(this, { entry: entry ?? nothing(), base: digest, saved: entry ?? nothing() });
+    const now = entry ?? nothing();
+    Object.assign(this, { entry: now, saved: now, base: digest, isLoaded: true });
   }
 
   /** What was drawn elsewhere takes the place of what is drawn here, which can be had back by undo. */

@@ -17,7 +17,7 @@ class App {
   async start() {
     this.about = await get("about");
     this.colors = Object.fromEntries(this.about.labels.map(({ name, color }) => [name, `rgb(${color.join()})`]));
-    Object.assign(this, { drawings: new Map(), frame: 0, drafts: [], proposal: NOTHING_PROPOSED, dismissed: new Set(), roomNumber: 0, proposalOf: "" });
+    Object.assign(this, { drawings: new Map(), frame: 0, drafts: [], proposal: NOTHING_PROPOSED, dismissed: new Set(), roomNumber: 0, proposalOf: "", changes: 0, lastChange: Promise.resolve() });
     document.title = `${this.about.name} · gtlayout annotate`;
     byId("scene-name").textContent = this.about.name;
     this.stage = new Stage(byId("stage"), this.colors);
@@ -33,7 +33,7 @@ class App {
     const drawn = Object.keys(this.state.file.digests).map(Number);
     await this.go(drawn.length ? Math.min(...drawn) : this.state.advice[0]?.frame ?? 0);
     this.poll();
-    window.addEventListener("beforeunload", (event) => { if (!this.drawing.isSaved) event.preventDefault(); });
+    window.addEventListener("beforeunload", (event) => { if (!this.isSaved) event.preventDefault(); });
   }
 
   // Frames
@@ -41,12 +41,13 @@ class App {
   /** To a frame, once all that is drawn in this one is saved. */
   async go(frame) {
     if (this.drawing) {
+      await this.lastChange;
       await this.drawing.save();
       if (!this.drawing.isSaved) return this.say("This frame is not saved yet: see above.");
     }
     const drawing = this.drawings.get(frame) ?? new FrameDrawing(frame, (what, text) => this.told(frame, what, text));
-    const loaded = await this.tried(() => (this.drawings.has(frame) ? this.follow(drawing) : drawing.load()));
-    if (loaded === undefined && !drawing.saved) return undefined;
+    await this.tried(() => (drawing.isLoaded ? this.follow(drawing) : drawing.load()));
+    if (!drawing.isLoaded) return undefined;
     this.drawings.set(frame, drawing);
     Object.assign(this, { frame, drawing, drafts: [], proposal: NOTHING_PROPOSED, proposalOf: "" });
     this.editor.reset();
@@ -105,6 +106,13 @@ class App {
     this.redraw();
   }
 
+  /** What is no longer drawn is proposed again. */
+  async proposeAgain() {
+    await this.drawing.save();
+    this.proposalOf = "";
+    await this.propose();
+  }
+
   setDrafts(drafts) {
     this.drafts = drafts;
     this.redraw();
@@ -151,8 +159,25 @@ class App {
     }
   }
 
+  /** A change that the server has a part in: one after another, and saved before another frame is shown. */
+  changing(action) {
+    this.changes += 1;
+    byId("saved").textContent = "saving …";
+    this.lastChange = this.lastChange.then(() => this.tried(action)).then(() => {
+      this.changes -= 1;
+      this.drawing.save();
+      this.redraw();
+    });
+    return this.lastChange;
+  }
+
+  /** Whether nothing drawn would be lost if the page were closed now. */
+  get isSaved() {
+    return this.drawing.isSaved && this.changes === 0;
+  }
+
   told(frame, what, text = "") {
-    byId("saved").textContent = { saving: "saving …", saved: "saved", conflict: "not saved", failed: "not saved" }[what];
+    byId("saved").textContent = { saving: "saving …", saved: "saved", conflict: "not saved", failed: "not saved" }[this.changes && what === "saved" ? "saving" : what];
     const { name } = this.about.frames[frame];
     if (what === "conflict") {
       const settle = (keepMine) => () => { this.drawings.get(frame).settle(keepMine); panels.showBanner(""); this.redraw(); };
@@ -181,8 +206,8 @@ class App {
 
   run(what) {
     const actions = {
-      undo: () => { this.drawing.undo(); this.editor.reset(); this.proposalOf = ""; this.propose(); },
-      redo: () => { this.drawing.redo(); this.editor.reset(); },
+      undo: () => { this.drawing.undo(); this.editor.reset(); this.proposeAgain(); },
+      redo: () => { this.drawing.redo(); this.editor.reset(); this.proposeAgain(); },
       snap: () => { this.editor.snapping = !this.editor.snapping; this.say(this.editor.snapping ? "Snapping is on." : "Snapping is off."); },
       fit: () => this.stage.fit(),
       texture: () => this.editor.texture(),
@@ -223,7 +248,7 @@ class App {
     const why = state.file.problem || state.file.unusable[this.frame];
     if (why) panels.showBanner(`${why} Nothing is saved until it is repaired; what you draw stays in this window. `, [["Try again", () => this.drawing.save()]]);
     else if (this.drawing.isSaved) panels.showBanner("");
-    if (this.drawing.isSaved && !why) byId("saved").textContent = "saved";
+    if (this.isSaved && !why) byId("saved").textContent = "saved";
     const found = state.findings.map((one) => one.message).join("\n");
     if (found !== this.foundBefore) {
       this.foundBefore = found;
