@@ -6,7 +6,8 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from gtlayout.annotate.advice import LOA20_M, SIGMAS, advice, position_sigma
 from gtlayout.annotate.entries import digest
 from gtlayout.annotate.scene import open_scene
 from gtlayout.annotate.shapes import halves, painted
+from gtlayout.annotate.solver import Solver
 from gtlayout.annotate.store import ConflictError, Store
 from gtlayout.annotate.visible import textured_part
 from gtlayout.api import load, load_solved
@@ -28,6 +30,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.quality.headline import Headline
+from gtlayout.scene import KeyFrame
 from gtlayout.solution import Solution
 from gtlayout.tracking.config import TrackingConfig
 
@@ -253,6 +256,35 @@ def test_the_room_is_solved_behind_the_page_and_results_are_saved(drawn: Path, s
         write_json_atomic(drawn / "annotations.json", {**data, "note": "by another program"})
         ask("GET", "state")
         until(lambda: session.calls[:3] == ["quick", "full", "quick"])
+
+
+def test_a_quick_solve_does_not_wait_for_a_full_one(tmp_path: Path, solved_room: Solution) -> None:
+    drawn = [solved_room.scene.key_frames]
+    begun, go_on = threading.Event(), threading.Event()
+
+    class Slow(SolvedSession):
+        def solve(self, key_frames: Sequence[KeyFrame]) -> Solution:
+            if "full" in self.calls:
+                begun.set()
+                assert go_on.wait(20)
+            return super().solve(key_frames)
+
+    session = Slow(solved_room)
+    solver = Solver(solved_room.scene, assistant_of(session), lambda: (drawn[0], ()), tmp_path)
+    until(lambda: solver.state.solved is not None)
+    solver.changed()
+    assert begun.wait(20)
+    assert solver.state.at_work == "full"
+    number = session.calls.count("quick")
+    drawn[0] = (*drawn[0],)  # drawn anew: another object
+    solver.changed()
+    until(lambda: session.calls.count("quick") > number)
+    until(lambda: solver.state.at_work == "full" and solver.state.solved is not None and not solver.state.solved.full)
+    go_on.set()  # what it finds is of older drawings: the next quick solve goes on from it
+    until(lambda: session.calls.count("quick") > number + 1)
+    until(lambda: solver.state.solved is not None and solver.state.solved.full and solver.state.at_work is None)
+    assert session.calls[-1] == "full"
+    assert solver.close()
 
 
 def test_while_there_is_no_room_it_is_said_what_is_missing(undrawn: Path, solved_room: Solution) -> None:

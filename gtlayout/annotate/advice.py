@@ -18,6 +18,8 @@ LOA20_M = 0.05
 SIGMAS = 2.0
 CANDIDATES = 16
 """Frames that are looked at to find the one that shows most of an instance."""
+NAMED = 3
+"""Planes that advice names."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,10 @@ def before_a_room(drawn: int, next_frames: Sequence[int]) -> tuple[Advice, ...]:
     return (Advice("Draw one more frame that shows part of the same surfaces.", following),)
 
 
-def advice(solution: Solution, next_frames: Sequence[int]) -> tuple[Advice, ...]:
+def advice(solution: Solution, next_frames: Sequence[int], *, thorough: bool = True) -> tuple[Advice, ...]:
     """For a solved room, most important first. ``next_frames`` are those to draw next, the best first.
+
+    When ``thorough``, frames are looked for that show the planes that are not certain, which takes a while.
 
     It is enough when the verdict is *trust* and all planes are certain: in metric scenes within LOA20, 2 σ of their
     position at the corners of their extents in the root mean square, in others by their verdicts.
@@ -57,13 +61,15 @@ def advice(solution: Solution, next_frames: Sequence[int]) -> tuple[Advice, ...]
         which = f"within LOA20 ({SIGMAS:g} σ ≤ {100 * LOA20_M:g} cm)" if solution.layout.metric else "certain"
         return (Advice(f"All {len(names)} planes are {which}: that is enough.", enough=True),)
     found = [Advice(f"{word}: {reason}") for reason in solution.quality.headline.reasons if word != "trust"]
-    for i in weak[:3]:
-        shown = _frame_of_most(solution, i, next_frames)
+    seen = _seen(solution) if thorough else {}
+    for i in weak[:NAMED]:
+        shown = max(seen, key=lambda frame: seen[frame][i], default=None)
+        shown = following if shown is None or seen[shown][i] == 0 else shown
         found.append(
             Advice(f"{names[i]} {_how_uncertain(solution, i)}: one more frame that shows it would help.", shown)
         )
-    if len(weak) > 3:
-        found.append(Advice(f"{len(weak) - 3} more planes are uncertain."))
+    if len(weak) > NAMED:
+        found.append(Advice(f"{len(weak) - NAMED} more planes are uncertain."))
     if not weak:
         found.append(Advice("The planes are certain; look at the frames and elements named above.", following))
     return tuple(found)
@@ -101,17 +107,14 @@ def _how_uncertain(solution: Solution, i: int) -> str:
     return f"is known to ± {figure(100 * SIGMAS * sigma, 0, ' cm')}"
 
 
-def _frame_of_most(solution: Solution, i: int, next_frames: Sequence[int]) -> int | None:
-    """Of frames that are not drawn, evenly spread, the one that shows most of instance ``i``."""
+def _seen(solution: Solution) -> dict[int, list[float]]:
+    """For frames that are not drawn, evenly spread, what they show of each instance, px²."""
     layout, scene = solution.layout, solution.scene
     drawn = {key_frame.frame for key_frame in scene.key_frames}
     free = [frame for frame in range(len(scene.frames)) if frame not in drawn]
     free = free[:: -(-len(free) // CANDIDATES)] if free else []
-    areas = {
-        frame: predict(layout.planes, layout.extents, layout.instances, scene.frames[frame].camera).visible[i].area
-        for frame in free
+    cameras = {frame: scene.frames[frame].camera for frame in free}
+    return {
+        frame: [region.area for region in predict(layout.planes, layout.extents, layout.instances, camera).visible]
+        for frame, camera in cameras.items()
     }
-    best = max(areas, key=lambda frame: areas[frame], default=None)
-    if best is None or areas[best] == 0:
-        return next_frames[0] if next_frames else None
-    return best

@@ -47,7 +47,7 @@ class Pages:
         self._bgr = lru_cache(KEPT_IMAGES)(self._read_bgr)
         self._thumbnail = lru_cache(None)(self._shrunk)
         self._proposed = lru_cache(KEPT_IMAGES)(self._proposal)
-        self._solved_from: object = None
+        self._solved_from = store.read()
 
     def about(self, _request: Request) -> Response:
         """What does not change: names, sizes, labels."""

@@ -6,10 +6,10 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, get_args
 
 from gtlayout.annotate.advice import Advice, advice, before_a_room
 from gtlayout.annotate.assistant import Assistant, Finding, Session
@@ -18,11 +18,15 @@ from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.scene import KeyFrame, Scene
 from gtlayout.solution import Solution
 
+Work = Literal["quick", "full"]
+WORKS: tuple[Work, ...] = get_args(Work)
+SUGGESTED = 3
+"""Frames that are suggested to be drawn next."""
 FULL_AFTER_S = 3.0
 """Without a change, until the full solve begins."""
 
 END_S = 0.5
-"""A solve that has just begun its last steps may take so long at the end."""
+"""So long the end waits for a solve."""
 
 Drawings = Callable[[], tuple[tuple[KeyFrame, ...], tuple[str, ...]]]
 
@@ -38,13 +42,14 @@ class Solved:
     """Whether it is of the full solve; its results are then in the scene's results folder."""
     seconds: float
     findings: tuple[Finding, ...]
+    """Of the last full solve."""
 
 
 @dataclass(frozen=True)
 class State:
     """What the solver does, and the last room."""
 
-    at_work: Literal["", "quick", "full"] = ""
+    at_work: Work | None = None
     problem: str = ""
     """Why the drawings as they are make no room; empty when they do."""
     warnings: tuple[str, ...] = ()
@@ -55,83 +60,114 @@ class State:
 
 
 class Solver:
-    """One thread that solves the latest drawings; ``state`` may be read at any time."""
+    """Two threads that solve the latest drawings: one at once, and one in full behind it.
+
+    ``state`` may be read at any time. A quick solve may run beside a full one, which is then of older drawings: it is
+    what the next quick one goes on from, and is not shown.
+    """
 
     def __init__(self, scene: Scene, assistant: Assistant, drawings: Drawings, results: Path) -> None:
-        self.state = State()
+        self._state = State()
         self._scene, self._assistant, self._drawings, self._results = scene, assistant, drawings, results
         self._session: Session = assistant.session(scene)
-        self._changed = threading.Event()
+        self._change = threading.Condition()
         self._closed = False
         self._saving = threading.Lock()
-        self._thread = threading.Thread(target=self._work, daemon=True, name="solver")
-        self._thread.start()
+        self._running: set[Work] = set()
+        self._quick_is_due = False
+        self._full_is_due_at: float | None = None
+        self._threads = [threading.Thread(target=self._work, args=(work,), daemon=True, name=work) for work in WORKS]
         self.changed()
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def state(self) -> State:
+        """What is found so far."""
+        with self._change:
+            return replace(self._state, at_work=next((work for work in WORKS if work in self._running), None))
 
     def changed(self) -> None:
         """Something was drawn."""
-        self._changed.set()
+        with self._change:
+            self._quick_is_due = True
+            self._full_is_due_at = time.monotonic() + (FULL_AFTER_S if self._state.solved else 0.0)
+            self._change.notify_all()
 
     def close(self) -> bool:
         """No more solves, and nothing half-written. Returns whether the last one has ended: none can be stopped."""
-        self._closed = True
-        self._changed.set()
-        self._thread.join(timeout=END_S)
+        with self._change:
+            self._closed = True
+            self._change.notify_all()
+        for thread in self._threads:
+            thread.join(timeout=END_S)
         self._saving.acquire()  # and never given back: from here on nothing is written
-        return not self._thread.is_alive()
+        return not any(thread.is_alive() for thread in self._threads)
 
-    def _work(self) -> None:
-        full_is_due = False
-        while not self._closed:
-            if self._changed.wait(FULL_AFTER_S if full_is_due else None):
-                self._changed.clear()
-                if self._closed:
-                    return
-                full_is_due = self._solve(full=self.state.solved is None) and not self._is_full
-            else:
-                self._solve(full=True)
-                full_is_due = False
+    def _work(self, work: Work) -> None:
+        while self._begin(work):
+            try:
+                self._solve(full=work == "full")
+            except GtlayoutError as error:
+                self._update(problem=str(error))
+            except Exception as error:  # a bug in a solve must not take the page with it
+                traceback.print_exc(file=sys.stderr)
+                self._update(problem=one_line(error))
+            finally:
+                with self._change:
+                    self._running.discard(work)
+                    self._change.notify_all()
 
-    @property
-    def _is_full(self) -> bool:
-        return self.state.solved is not None and self.state.solved.full
-
-    def _solve(self, *, full: bool) -> bool:
-        """Solve the drawings as they are now. Returns whether there is a room; any problem is in ``state``."""
-        self.state = replace(self.state, at_work="full" if full else "quick")
-        try:
-            key_frames, warnings = self._drawings()
-            drawn = replace(self._scene, key_frames=key_frames)
-            following = tuple(self._assistant.next_frames(drawn, 3))
-            self.state = replace(self.state, warnings=warnings, next_frames=following)
-            if not key_frames:
-                self.state = replace(State(), advice=before_a_room(0, following), next_frames=following)
+    def _begin(self, work: Work) -> bool:
+        """Wait until there is something to do. Returns whether there is: not at the end."""
+        with self._change:
+            while not self._closed and not self._is_due(work):
+                due = self._full_is_due_at
+                self._change.wait(None if work == "quick" or due is None else max(due - time.monotonic(), 0.01))
+            if self._closed:
                 return False
-            if self.state.solved is None:
-                self.state = replace(self.state, advice=before_a_room(len(key_frames), following))
-            self.state = replace(self.state, problem="", solved=self._solved(key_frames, full))
-            assert self.state.solved is not None
-            self.state = replace(self.state, advice=advice(self.state.solved.solution, following))
+            self._running.add(work)
+            if work == "quick" or self._state.solved is None:
+                self._quick_is_due = False
+            if work == "full":
+                self._full_is_due_at = None
             return True
-        except GtlayoutError as error:
-            self._failed(str(error))
-        except Exception as error:  # a bug in a solve must not take the page with it
-            traceback.print_exc(file=sys.stderr)
-            self._failed(one_line(error))
-        finally:
-            self.state = replace(self.state, at_work="")
-        return False
 
-    def _solved(self, key_frames: Sequence[KeyFrame], full: bool) -> Solved:
+    def _is_due(self, work: Work) -> bool:
+        if work == "quick":
+            return self._quick_is_due and self._state.solved is not None
+        due = self._full_is_due_at
+        return due is not None and time.monotonic() >= due and not self._running
+
+    def _solve(self, *, full: bool) -> None:
+        """Solve the drawings as they are now."""
+        key_frames, warnings = self._drawings()
+        following = tuple(self._assistant.next_frames(replace(self._scene, key_frames=key_frames), SUGGESTED))
+        self._update(warnings=warnings, next_frames=following)
+        last = self.state.solved
+        if last is None or not key_frames:
+            self._update(problem="", solved=None, advice=before_a_room(len(key_frames), following))
+        if not key_frames:
+            return
         start = time.perf_counter()
         solution = self._session.solve(key_frames) if full else self._session.quick(key_frames)
         seconds = time.perf_counter() - start
+        if full and self._drawings()[0] is not key_frames:
+            with self._change:
+                self._quick_is_due = True
+                self._full_is_due_at = self._full_is_due_at or time.monotonic()
+            if last is not None:
+                return
+        findings = tuple(self._assistant.review(solution)) if full else last.findings if last else ()
+        solved = Solved(last.number + 1 if last else 1, solution, full, seconds, findings)
         if full:
-            with self._saving:
-                save(solution, self._results)
-        last = self.state.solved
-        findings = tuple(self._assistant.review(solution))
-        return Solved(last.number + 1 if last else 1, solution, full, seconds, findings)
+            self._save(solution)
+        self._update(problem="", solved=solved, advice=advice(solution, following, thorough=full))
 
-    def _failed(self, problem: str) -> None:
-        self.state = replace(self.state, problem=problem)
+    def _save(self, solution: Solution) -> None:
+        with self._saving:
+            save(solution, self._results)
+
+    def _update(self, **values: Any) -> None:
+        with self._change:
+            self._state = replace(self._state, **values)

@@ -134,7 +134,7 @@ class App {
     let busy = false;
     try {
       this.state = await get("state");
-      busy = this.state.at_work !== "" || !this.drawing.isSaved;
+      busy = this.state.at_work !== null || !this.drawing.isSaved;
       await this.follow(this.drawing);
       this.showState();
       const number = this.state.solved?.number ?? 0;
