@@ -20,6 +20,8 @@ from gtlayout.solution import Solution
 
 Work = Literal["quick", "full"]
 WORKS: tuple[Work, ...] = get_args(Work)
+LEAST_FRAMES = 2
+"""Drawn frames for a verdict: one alone fits its own drawing, whatever that is."""
 SUGGESTED = 3
 """Frames that are suggested to be drawn next."""
 FULL_AFTER_S = 3.0
@@ -75,9 +77,8 @@ class Solver:
         self._saving = threading.Lock()
         self._running: set[Work] = set()
         self._quick_is_due = False
-        self._full_is_due_at: float | None = None
         self._threads = [threading.Thread(target=self._work, args=(work,), daemon=True, name=work) for work in WORKS]
-        self.changed()
+        self._full_is_due_at: float | None = time.monotonic()
         for thread in self._threads:
             thread.start()
 
@@ -91,7 +92,7 @@ class Solver:
         """Something was drawn."""
         with self._change:
             self._quick_is_due = True
-            self._full_is_due_at = time.monotonic() + (FULL_AFTER_S if self._state.solved else 0.0)
+            self._full_is_due_at = time.monotonic() + FULL_AFTER_S
             self._change.notify_all()
 
     def close(self) -> bool:
@@ -152,17 +153,25 @@ class Solver:
         start = time.perf_counter()
         solution = self._session.solve(key_frames) if full else self._session.quick(key_frames)
         seconds = time.perf_counter() - start
-        if full and self._drawings()[0] is not key_frames:
-            with self._change:
-                self._quick_is_due = True
-                self._full_is_due_at = self._full_is_due_at or time.monotonic()
+        outdated = self._drawings()[0] is not key_frames
+        if full and outdated:
+            self._again()
             if last is not None:
                 return
         findings = tuple(self._assistant.review(solution)) if full else last.findings if last else ()
         solved = Solved(last.number + 1 if last else 1, solution, full, seconds, findings)
-        if full:
+        if full and not outdated:
             self._save(solution)
-        self._update(problem="", solved=solved, advice=advice(solution, following, thorough=full))
+        enough = len(key_frames) >= LEAST_FRAMES
+        said = advice(solution, following, thorough=full) if enough else before_a_room(len(key_frames), following)
+        self._update(problem="", solved=solved, advice=said)
+
+    def _again(self) -> None:
+        """Something was drawn during a full solve."""
+        with self._change:
+            self._quick_is_due = True
+            self._full_is_due_at = self._full_is_due_at or time.monotonic()
+            self._change.notify_all()
 
     def _save(self, solution: Solution) -> None:
         with self._saving:

@@ -161,11 +161,18 @@ class Store:
                 not_shown.append(f"image {images[number]} is annotated twice, the first time counts")
             else:
                 try:
+                    self._require_own_image(match)
                     checked(data["frames"][number], self._frames[match.index].name)
                     place[match.index] = number
                 except GtlayoutError as error:
                     unusable[match.index] = str(error)
         return Drawn(data, place, tuple(not_shown), unusable)
+
+    def _require_own_image(self, match: Match) -> None:
+        """Raises GtlayoutError when a drawing is of a video's frame, and the frame's own image differs from that."""
+        frame = self._frames[match.index]
+        if match.on_video and frame.origin is not None and frame.origin.resampled is not None:
+            raise GtlayoutError(f"frame {frame.name} was drawn on the video, and not on the image that was made of it")
 
     def _require_own_size(self, size: object) -> None:
         """Raises GtlayoutError when the file's pixels are not those of the frames."""

@@ -12,7 +12,7 @@ from shapely import MultiPolygon
 from gtlayout.annotate.advice import Advice, position_sigma
 from gtlayout.annotate.assistant import Finding, Proposal, ProposedElement
 from gtlayout.annotate.shapes import DECIMALS, rings_px
-from gtlayout.annotate.solver import Solved, State
+from gtlayout.annotate.solver import LEAST_FRAMES, Solved, State
 from gtlayout.colors import sigma_full
 from gtlayout.geometry.depth import median_depth
 from gtlayout.report.plain import finite
@@ -68,7 +68,7 @@ def _summary(solved: Solved) -> dict[str, Any]:
         "number": solved.number,
         "full": solved.full,
         "seconds": round(solved.seconds, 2),
-        "word": quality.headline.word,
+        "word": quality.headline.word if len(scene.key_frames) >= LEAST_FRAMES else "",
         "iou": finite(quality.iou),
         "ious": {str(scene.key_frames[k].frame): finite(iou) for k, iou in enumerate(quality.frames)},
     }

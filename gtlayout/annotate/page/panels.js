@@ -71,7 +71,7 @@ export function showFindings(state, goTo) {
 
 export function showSolving(state) {
   const { solved } = state;
-  const last = solved && `${solved.word} · IoU ${solved.iou === null ? "–" : solved.iou.toFixed(3)} · ${solved.full ? "full solve" : "quick solve"}, ${solved.seconds.toFixed(1)} s`;
+  const last = solved && `${solved.word ? `${solved.word} · ` : ""}IoU ${solved.iou === null ? "–" : solved.iou.toFixed(3)} · ${solved.full ? "full solve" : "quick solve"}, ${solved.seconds.toFixed(1)} s`;
   const now = { quick: "solving …", full: "solving in full …" }[state.at_work];
   byId("solving").textContent = [now, last].filter(Boolean).join(" · ");
   byId("solving").dataset.word = solved?.word ?? "";
