@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 from annotate_server import ROOM, Client, SolvedSession, annotate_server, assistant_of, until
-from shapely import MultiPolygon, box
+from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.annotate.advice import LOA20_M, SIGMAS, advice, position_sigma
 from gtlayout.annotate.entries import digest
 from gtlayout.annotate.scene import open_scene
-from gtlayout.annotate.shapes import halves, painted
+from gtlayout.annotate.shapes import halves, painted, rings_px
 from gtlayout.annotate.solver import Solver
 from gtlayout.annotate.store import ConflictError, Store
 from gtlayout.annotate.visible import textured_part
@@ -340,6 +340,14 @@ def test_brush_and_knife() -> None:
     for line in ([[0.0, 60.0], [100.0, 60.0]], [[1.0, 1.0], [1.0, 1.0]]):
         with pytest.raises(GtlayoutError):
             halves(wall, np.array(line))
+
+
+def test_outlines_do_not_cross_themselves_when_they_are_rounded() -> None:
+    needle = MultiPolygon([Polygon([(0, 0), (50, 0.004), (50, 30), (49.996, 0.0061), (0, 20)])])
+    rings = rings_px(needle)
+    assert rings and all(Polygon(ring).is_valid for ring in rings)
+    assert not Polygon(np.round(np.array(needle.geoms[0].exterior.coords), 2)).is_valid
+    assert sum(Polygon(ring).area for ring in rings) == pytest.approx(needle.area, abs=0.5)
 
 
 def test_visible_parts_are_proposed_where_there_is_texture() -> None:

@@ -199,6 +199,11 @@ def test_keys_alone_suffice(
         assert drawn()["elements"][0]["label"] == "floor"
         stage.press("PageDown")
         expect(page.locator("#stage")).to_have_attribute("aria-label", "Image 000004.jpg")
+        # what has the focus keeps it when the server is asked again
+        page.locator("#advice button").first.focus()
+        page.wait_for_timeout(1500)
+        expect(page.locator("#advice button").first).to_be_focused()
+        stage.press("v")
         # everything can be reached with Tab, has a name, and shows that it is reached
         page.keyboard.press("Tab")
         assert page.evaluate("getComputedStyle(document.activeElement).outlineStyle") == "solid"

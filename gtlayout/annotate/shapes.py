@@ -28,8 +28,9 @@ def region_of(rings: Sequence[Sequence[Sequence[float]]]) -> MultiPolygon:
 
 
 def rings_px(region: MultiPolygon) -> list[list[list[float]]]:
-    """(x, y) of the outlines that make up a region, as JSON has them."""
-    return [ring.round(DECIMALS).tolist() for ring in simple_rings(region)]
+    """(x, y) of the outlines that make up a region, as JSON has them: none crosses itself, also when it is rounded."""
+    on_grid = polygons(shapely.set_precision(region, 10.0**-DECIMALS))
+    return [ring.round(DECIMALS).tolist() for ring in simple_rings(on_grid)]
 
 
 def painted(

@@ -208,6 +208,7 @@ export class Editor {
     if (all.length === 0) return this.app.say("Nothing is proposed here.");
     this.app.drawing.change(all.reduce((entry, draft) => entries.confirm(entry, draft, this.app.proposal.occlusion_edges), this.entry));
     all.forEach((draft) => this.app.dropDraft(draft));
+    this.app.say(`${all.length} elements confirmed.`);
     return this.select(null);
   }
 

@@ -177,7 +177,7 @@ class App {
   }
 
   told(frame, what, text = "") {
-    byId("saved").textContent = { saving: "saving …", saved: "saved", conflict: "not saved", failed: "not saved" }[this.changes && what === "saved" ? "saving" : what];
+    panels.setText(byId("saved"), { saving: "saving …", saved: "saved", conflict: "not saved", failed: "not saved" }[this.changes && what === "saved" ? "saving" : what]);
     const { name } = this.about.frames[frame];
     if (what === "conflict") {
       const settle = (keepMine) => () => { this.drawings.get(frame).settle(keepMine); panels.showBanner(""); this.redraw(); };
@@ -221,7 +221,7 @@ class App {
   }
 
   say(text) {
-    byId("hint").textContent = text;
+    panels.setText(byId("hint"), text);
   }
 
   redraw() {
@@ -229,7 +229,7 @@ class App {
     const findings = (this.state?.findings ?? []).filter((one) => one.frame === this.about.frames[this.frame].name);
     const isBrush = editor.tool === "paint" || editor.tool === "erase";
     this.stage.draw({ entry: editor.entry, drafts: this.drafts, proposal: this.proposal, findings, selected: editor.selected, pen: editor.pen, tool: editor.tool, cursor: editor.cursor, brush: isBrush ? editor.brush : 0 });
-    panels.showElements(editor.entry, this.drafts, editor.selected, this.colors, (one) => editor.select(one));
+    panels.showElements(editor.entry, this.drafts, editor.selected, this.colors, (one) => { editor.select(one); this.stage.svg.focus(); });
     byId("draft-count").textContent = this.drafts.length ? `${this.drafts.length} proposed` : "nothing proposed";
     for (const button of byId("draft-bar").querySelectorAll("button")) button.disabled = this.drafts.length === 0;
     for (const button of document.querySelectorAll("[data-tool]")) {
@@ -248,7 +248,7 @@ class App {
     const why = state.file.problem || state.file.unusable[this.frame];
     if (why) panels.showBanner(`${why} Nothing is saved until it is repaired; what you draw stays in this window. `, [["Try again", () => this.drawing.save()]]);
     else if (this.drawing.isSaved) panels.showBanner("");
-    if (this.isSaved && !why) byId("saved").textContent = "saved";
+    if (this.isSaved && !why) panels.setText(byId("saved"), "saved");
     const found = state.findings.map((one) => one.message).join("\n");
     if (found !== this.foundBefore) {
       this.foundBefore = found;

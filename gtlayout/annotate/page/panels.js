@@ -10,6 +10,21 @@ export function node(tag, properties = {}, ...children) {
   return made;
 }
 
+const shown = new WeakMap();
+
+/** Fill a list, unless it says the same already: what has the focus keeps it. */
+function fill(id, said, build) {
+  const key = JSON.stringify(said);
+  if (shown.get(byId(id)) === key) return;
+  shown.set(byId(id), key);
+  byId(id).replaceChildren(...build());
+}
+
+/** Set a text, unless it is the same: screen readers say what is set. */
+export function setText(at, text) {
+  if (at.textContent !== text) at.textContent = text;
+}
+
 export function buildStrip(about, go) {
   byId("strip").replaceChildren(
     ...about.frames.map((frame, k) => {
@@ -29,8 +44,8 @@ export function showStrip(about, state, current) {
     const drawn = k in state.file.digests;
     const word = k in state.file.unusable ? "damaged" : drawn ? "drawn" : state.file.drafts.includes(k) ? "drafted" : state.next_frames.includes(k) ? "suggested" : "";
     const iou = drawn && ious[k] != null ? ` ${ious[k].toFixed(2)}` : "";
-    const marks = found ? ` · ${found} to look at` : "";
-    button.querySelector(".badge").textContent = word + iou + marks;
+    setText(button.querySelector(".badge"), word + iou + (found ? ` · ${found} !` : ""));
+    button.title = `${about.frames[k].name} ${word}${iou}${found ? `, ${found} to be looked at` : ""}`;
     button.dataset.is = word;
     if (k === current) button.setAttribute("aria-current", "true");
     else button.removeAttribute("aria-current");
@@ -38,15 +53,14 @@ export function showStrip(about, state, current) {
 }
 
 export function showAdvice(state, go) {
-  const lines = state.problem ? [{ text: state.problem, frame: null, problem: true }] : [];
-  byId("advice").replaceChildren(
-    ...[...lines, ...state.advice].map((one) => {
-      const line = node("li", { className: one.problem ? "problem" : one.enough ? "enough" : "", textContent: one.text });
-      if (one.frame !== null) line.append(" ", node("button", { type: "button", textContent: "Go there", onclick: () => go(one.frame) }));
-      return line;
-    }),
-    ...[...state.file.warnings, ...state.warnings].map((text) => node("li", { className: "soft", textContent: text })),
-  );
+  const problem = state.problem ? [{ text: state.problem, frame: null, problem: true }] : [];
+  const soft = [...state.file.warnings, ...state.warnings].map((text) => ({ text, frame: null, soft: true }));
+  const all = [...problem, ...state.advice, ...soft];
+  fill("advice", all, () => all.map((one) => {
+    const line = node("li", { className: one.problem ? "problem" : one.enough ? "enough" : one.soft ? "soft" : "", textContent: one.text });
+    if (one.frame !== null) line.append(" ", node("button", { type: "button", textContent: "Go there", onclick: () => go(one.frame) }));
+    return line;
+  }));
 }
 
 export function showElements(entry, drafts, selected, colors, select) {
@@ -59,21 +73,22 @@ export function showElements(entry, drafts, selected, colors, select) {
     button.setAttribute("aria-pressed", String(isChosen));
     return node("li", { className: kind }, button);
   };
-  byId("elements").replaceChildren(...shapes(entry).map((shape, k) => line(shape, "shape", k)), ...drafts.map((draft, k) => line(draft, "draft", k)));
+  const all = shapes(entry);
+  const said = [...all, ...drafts].map((one) => [one.id, one.label, Boolean(one.visible?.length)]);
+  fill("elements", [said, drafts.length, selected?.kind, selected?.index], () => [...all.map((shape, k) => line(shape, "shape", k)), ...drafts.map((draft, k) => line(draft, "draft", k))]);
 }
 
 export function showFindings(state, goTo) {
   byId("findings-section").hidden = state.findings.length === 0;
-  byId("findings").replaceChildren(
-    ...state.findings.map((one) => node("li", {}, node("button", { type: "button", textContent: `${one.frame}: ${one.message}`, onclick: () => goTo(one) }))),
-  );
+  fill("findings", state.findings, () =>
+    state.findings.map((one) => node("li", {}, node("button", { type: "button", textContent: `${one.frame}: ${one.message}`, onclick: () => goTo(one) }))));
 }
 
 export function showSolving(state) {
   const { solved } = state;
   const last = solved && `${solved.word ? `${solved.word} · ` : ""}IoU ${solved.iou === null ? "–" : solved.iou.toFixed(3)} · ${solved.full ? "full solve" : "quick solve"}, ${solved.seconds.toFixed(1)} s`;
   const now = { quick: "solving …", full: "solving in full …" }[state.at_work];
-  byId("solving").textContent = [now, last].filter(Boolean).join(" · ");
+  setText(byId("solving"), [now, last].filter(Boolean).join(" · "));
   byId("solving").dataset.word = solved?.word ?? "";
 }
 
@@ -88,9 +103,8 @@ export function showPlanes(room, metric) {
 }
 
 export function showBanner(text, buttons = []) {
-  const banner = byId("banner");
-  banner.hidden = !text;
-  banner.replaceChildren(...(text ? [text, ...buttons.map(([textContent, onclick]) => node("button", { type: "button", textContent, onclick }))] : []));
+  byId("banner").hidden = !text;
+  fill("banner", text, () => (text ? [text, ...buttons.map(([textContent, onclick]) => node("button", { type: "button", textContent, onclick }))] : []));
 }
 
 export function buildKeys() {

@@ -4,7 +4,7 @@ const STEP = 0.12;
 
 export class Room {
   constructor(canvas) {
-    Object.assign(this, { canvas, room: null, azimuth: 0, height: 0.7, away: 1.5 });
+    Object.assign(this, { canvas, room: null, azimuth: 0, height: 0.7, away: 1.3 });
     let last = null;
     canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); last = [event.clientX, event.clientY]; });
     canvas.addEventListener("pointermove", (event) => {
