@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from annotate_server import ROOM, SolvedSession, annotate_server, assistant_of
 from playwright.sync_api import Page, expect
-from shapely import Point, Polygon
+from shapely import MultiPolygon, Point, Polygon, box
 
 from gtlayout.api import load
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.method import solve
-from gtlayout.scene import LABELS, FloatArray
+from gtlayout.scene import LABELS, Element, FloatArray
 from gtlayout.solution import Solution
 
 Px = list[float]
@@ -30,6 +30,35 @@ class Marked:
     message: str
     where_px: FloatArray = field(default_factory=lambda: np.array([[10.0, 10.0], [60.0, 60.0]]))
     expected_px: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Edge:
+    start_px: FloatArray
+    confidence: float
+    unsnapped_px: FloatArray | None
+
+
+@dataclass(frozen=True)
+class Proposed:
+    element: Element
+    edges: tuple[Edge, ...]
+
+
+@dataclass(frozen=True)
+class OneWall:
+    """A proposal: the two sides of a wall were moved by 6 px to lines of the image."""
+
+    occlusion_edges: tuple[FloatArray, ...] = (np.array([[106.0, 300.0], [106.0, 100.0]]),)
+    uncovered: MultiPolygon = field(default_factory=lambda: MultiPolygon([box(300, 0, 480, 360)]))
+
+    @property
+    def elements(self) -> tuple[Proposed, ...]:
+        corners = np.array([[106.0, 100.0], [206.0, 100.0], [206.0, 300.0], [106.0, 300.0]])
+        before = corners - [6.0, 0.0]
+        moved = {1: before[[1, 2]], 3: before[[3, 0]]}
+        edges = tuple(Edge(corner, 0.9 - 0.2 * k, moved.get(k)) for k, corner in enumerate(corners))
+        return (Proposed(Element("wall_0", "wall", MultiPolygon([Polygon(corners)]), MultiPolygon()), edges),)
 
 
 class Stage:
@@ -365,6 +394,51 @@ def test_two_windows_notice_each_other_and_nothing_is_lost(
         stage.saved()
         assert "e3" not in ids()
     problems[:] = [one for one in problems if "409" not in one and "422" not in one]  # what the browser says of them
+    assert problems == []
+
+
+def test_snapping_of_a_proposal_is_taken_back_with_one_key(
+    page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution
+) -> None:
+    def corners() -> list[Px]:
+        """Of the proposed outline, which is selected."""
+        handles = page.locator(".handles circle:not(.new)")
+        return handles.evaluate_all("all => all.map((one) => [+one.getAttribute('cx'), +one.getAttribute('cy')])")
+
+    assistant = replace(assistant_of(SolvedSession(solved_room)), propose=lambda _solution, _frame, _image: OneWall())
+    with annotate_server(drawn, assistant) as address:
+        open_page(page, address)
+        page.locator("#solving", has_text="IoU").wait_for()
+        stage.open("000012.jpg")
+        page.locator("#elements .draft button").click()
+        assert corners() == [[106, 100], [206, 100], [206, 300], [106, 300]]
+        assert page.locator(".drafts .unsure").count() == 1  # with the confidence .3
+        stage.press("r")
+        assert corners() == [[100, 100], [200, 100], [200, 300], [100, 300]]
+        stage.press("Enter")
+        stage.saved()
+        confirmed = entry_of(drawn, "000012.jpg")
+        assert confirmed["elements"] == [
+            {
+                "id": "wall_0",
+                "label": "wall",
+                "polygons": [[[100, 100], [200, 100], [200, 300], [100, 300]]],
+                "visible": [],
+            }
+        ]
+        assert confirmed["occlusion_edges"] == []  # it lay along the side that was moved
+        stage.press("z")
+        page.locator("#elements .draft button").click()
+        stage.press("Enter")
+        stage.saved()
+        assert entry_of(drawn, "000012.jpg")["occlusion_edges"] == [[[106, 300], [106, 100]]]
+        # what is dismissed does not come back
+        stage.open("000020.jpg")
+        page.locator("#elements .draft button").click()
+        stage.press("Delete")
+        stage.open("000012.jpg")
+        stage.open("000020.jpg")
+        assert page.locator("#elements .draft").count() == 0
     assert problems == []
 
 

@@ -31,6 +31,11 @@ class ProposedEdge(Protocol):
     """An edge of a proposed outline."""
 
     @property
+    def start_px(self) -> FloatArray:
+        """(2,) the corner that it begins at."""
+        ...
+
+    @property
     def confidence(self) -> float:
         """Probability that a person would leave it."""
         ...
@@ -120,15 +125,9 @@ class _Session:
 
 
 @dataclass(frozen=True)
-class _Edge:
-    confidence: float = 0.5
-    unsnapped_px: FloatArray | None = None
-
-
-@dataclass(frozen=True)
 class _Proposed:
     element: Element
-    edges: tuple[_Edge, ...] = ()
+    edges: tuple[ProposedEdge, ...] = ()
 
 
 @dataclass(frozen=True)

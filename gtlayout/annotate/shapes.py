@@ -28,9 +28,15 @@ def region_of(rings: Sequence[Sequence[Sequence[float]]]) -> MultiPolygon:
 
 
 def rings_px(region: MultiPolygon) -> list[list[list[float]]]:
-    """(x, y) of the outlines that make up a region, as JSON has them: none crosses itself, also when it is rounded."""
-    on_grid = polygons(shapely.set_precision(region, 10.0**-DECIMALS))
-    return [ring.round(DECIMALS).tolist() for ring in simple_rings(on_grid)]
+    """(x, y) of the outlines that make up a region, as JSON has them: none crosses itself, also when it is rounded.
+
+    Their corners have the order of the region's, unless rounding would make an outline cross itself.
+    """
+    rings = [ring.round(DECIMALS) for ring in simple_rings(region)]
+    if not all(Polygon(ring).is_valid for ring in rings):
+        on_grid = polygons(shapely.set_precision(region, 10.0**-DECIMALS))
+        rings = [ring.round(DECIMALS) for ring in simple_rings(on_grid)]
+    return [ring.tolist() for ring in rings]
 
 
 def painted(

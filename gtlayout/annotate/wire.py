@@ -22,6 +22,9 @@ from gtlayout.scene import OPENINGS, Element, FloatArray
 SAME_SHARE = 0.5
 """A proposed element is drawn already when so much of it lies on drawn ones of its kind."""
 
+SAME_PX = 0.02
+"""Corners are rounded to half of that."""
+
 
 def state_json(state: State) -> dict[str, Any]:
     """What the solver does, without the room itself."""
@@ -91,7 +94,10 @@ def _finding(one: Finding) -> dict[str, Any]:
 def _proposed(proposed: ProposedElement) -> dict[str, Any]:
     element, edges = proposed.element, proposed.edges
     rings = rings_px(element.amodal)
-    edges = edges if len(edges) == sum(map(len, rings)) else ()  # a hole was cut open: edges cannot be told
+    corners = np.array([corner for ring in rings for corner in ring])
+    starts = np.array([edge.start_px for edge in edges]).reshape(-1, 2)
+    # Where a hole was cut open, or a needle removed, edges cannot be told.
+    edges = edges if corners.shape == starts.shape and np.allclose(corners, starts, atol=SAME_PX) else ()
     return {
         "id": element.id,
         "label": element.label,

@@ -214,7 +214,12 @@ export class Editor {
 
   unsnap() {
     const chosen = this.selected?.kind === "draft" ? this.app.drafts[this.selected.index] : null;
-    this.app.setDrafts(this.app.drafts.map((draft) => (chosen === null || chosen === draft ? entries.unsnapped(draft) : draft)));
+    this.app.setDrafts(this.app.drafts.map((draft) => {
+      if (chosen !== null && chosen !== draft) return draft;
+      const before = entries.unsnapped(draft);
+      this.app.proposal.occlusion_edges = entries.movedAlong(this.app.proposal.occlusion_edges, draft, before);
+      return before;
+    }));
     this.app.say("Snapping to lines of the image is taken back.");
   }
 

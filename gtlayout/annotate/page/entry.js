@@ -93,6 +93,19 @@ export function unsnapped(element) {
   return { ...element, polygons, edges: all.map((edge) => ({ ...edge, unsnapped: null })) };
 }
 
+/** Lines that ran along the outline of a proposed element, moved to where it is now; both have the same corners. */
+export function movedAlong(lines, before, now) {
+  const sides = before.polygons.flatMap((ring, r) => edges(ring).map((edge, k) => [edge, edges(now.polygons[r])[k]]));
+  const moved = (p) => {
+    const [side] = sides.filter(([edge]) => near(p, edge)).sort(([a], [b]) => distance(p, nearestOn(p, ...a)) - distance(p, nearestOn(p, ...b)));
+    if (!side) return p;
+    const [[a, b], [c, d]] = side;
+    const share = distance(a, nearestOn(p, a, b)) / Math.max(distance(a, b), 1e-9);
+    return [c[0] + share * (d[0] - c[0]), c[1] + share * (d[1] - c[1])];
+  };
+  return lines.map((line) => (isOn(line, before.polygons) ? line.map(moved) : line));
+}
+
 /** The smallest shape at a point, -1 for none: doors and windows lie on their walls. */
 export function shapeAt(all, point) {
   const at = all.map((shape, k) => [k, shape]).filter(([, shape]) => shape.polygons.some((ring) => contains(ring, point)));
