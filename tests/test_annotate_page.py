@@ -418,15 +418,9 @@ def test_snapping_of_a_proposal_is_taken_back_with_one_key(
         stage.press("Enter")
         stage.saved()
         confirmed = entry_of(drawn, "000012.jpg")
-        assert confirmed["elements"] == [
-            {
-                "id": "wall_0",
-                "label": "wall",
-                "polygons": [[[100, 100], [200, 100], [200, 300], [100, 300]]],
-                "visible": [],
-            }
-        ]
-        assert confirmed["occlusion_edges"] == []  # it lay along the side that was moved
+        outline = [[100, 100], [200, 100], [200, 300], [100, 300]]
+        assert confirmed["elements"] == [{"id": "wall_0", "label": "wall", "polygons": [outline], "visible": []}]
+        assert confirmed["occlusion_edges"] == [[[100, 300], [100, 100]]]  # it goes along with the side
         stage.press("z")
         page.locator("#elements .draft button").click()
         stage.press("Enter")
