@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from annotate_server import ROOM, SolvedSession, annotate_server, assistant_of
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 from shapely import MultiPolygon, Point, Polygon, box
 
 from gtlayout.api import load
@@ -433,6 +433,38 @@ def test_snapping_of_a_proposal_is_taken_back_with_one_key(
         stage.open("000012.jpg")
         stage.open("000020.jpg")
         assert page.locator("#elements .draft").count() == 0
+    assert problems == []
+
+
+def test_an_answer_from_before_a_save_is_no_change_by_others(
+    page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution
+) -> None:
+    with annotate_server(drawn, assistant_of(SolvedSession(solved_room))) as address:
+        open_page(page, address)
+        count = page.locator("#elements button").count()
+        late: list[Route] = []
+
+        def hold(route: Route) -> None:
+            """The first; others go through."""
+            if late:
+                route.continue_()
+            else:
+                late.append(route)
+
+        page.route("**/state", hold)
+        for _ in range(100):
+            page.wait_for_timeout(50)
+            if late:
+                break
+        answer = late[0].fetch()  # of now; it arrives after the element is gone
+        page.locator("#elements button").first.click()
+        stage.press("Delete")
+        stage.saved()
+        late[0].fulfill(response=answer)
+        page.wait_for_timeout(800)
+        expect(page.locator("#hint")).not_to_contain_text("another window")
+        stage.press("z", "y")
+        expect(page.locator("#elements button")).to_have_count(count - 1)
     assert problems == []
 
 

@@ -1,5 +1,5 @@
 // What clicks, drags and keys do to the drawing: the tools.
-import { post } from "./api.js";
+import { cut, paint } from "./brush.js";
 import * as entries from "./entry.js";
 import { distance, edges, middle, nearestOn, rounded, same } from "./geometry.js";
 
@@ -192,6 +192,20 @@ export class Editor {
     return this.select(fewer ? { kind, index } : null);
   }
 
+  splitAt(point) {
+    this.pen = [...this.pen, point];
+    this.app.redraw();
+    if (this.pen.length < 2) return;
+    const [{ id }, line] = [this.shapes[this.selected.index], this.pen];
+    Object.assign(this, { pen: [], tool: "select" });
+    cut(this.app, id, line);
+  }
+
+  stroke(points) {
+    this.pen = [];
+    paint(this.app, this.shapes[this.selected.index].id, this.tool, points, this.brush);
+  }
+
   // Drafts
 
   confirm() {
@@ -221,61 +235,6 @@ export class Editor {
       return before;
     }));
     this.app.say("Snapping to lines of the image is taken back.");
-  }
-
-  // With the server
-
-  async splitAt(point) {
-    this.pen = [...this.pen, point];
-    this.app.redraw();
-    if (this.pen.length < 2) return;
-    const [{ id }, line] = [this.shapes[this.selected.index], this.pen];
-    Object.assign(this, { pen: [], tool: "select" });
-    await this.app.changing(async () => {
-      const index = this.indexOf(id);
-      const shape = this.shapes[index];
-      const { parts } = await post("shape", { op: "split", polygons: shape.polygons, line });
-      const [larger, smaller] = parts.map((polygons) => ({ ...shape, polygons, visible: [] }));
-      this.app.drawing.change(entries.replaceShape(this.entry, index, larger, { ...smaller, id: entries.freeId(this.entry, id) }));
-    });
-  }
-
-  async stroke(points) {
-    const [{ id }, op] = [this.shapes[this.selected.index], this.tool];
-    this.pen = [];
-    await this.app.changing(async () => {
-      const index = this.indexOf(id);
-      const shape = this.shapes[index];
-      // Erasing begins with all of it: nothing drawn means that all is visible.
-      const polygons = shape.visible?.length ? shape.visible : op === "erase" ? shape.polygons : [];
-      const made = await post("shape", { op, polygons, stroke: points, radius: this.brush, within: shape.polygons });
-      this.app.drawing.change(entries.replaceShape(this.entry, index, { ...shape, visible: made.polygons }));
-    });
-  }
-
-  /** Where an element is now: it may have been drawn on since something was asked of the server. */
-  indexOf(id) {
-    const index = this.entry.elements.findIndex((element) => element.id === id);
-    if (index < 0) throw new Error(`${id} is no longer there.`);
-    return index;
-  }
-
-  /** Visible parts from texture and tracks: of the selected element, or of all that have none yet. */
-  async texture() {
-    const chosen = this.selected?.kind === "shape" ? [this.selected.index] : this.entry.elements.map((_, k) => k).filter((k) => !this.entry.elements[k].visible?.length);
-    const openings = this.app.about.labels.filter((label) => label.opening).map((label) => label.name);
-    await this.app.changing(async () => {
-      let { entry } = this;
-      for (const k of chosen.filter((index) => index < entry.elements.length)) {
-        const shape = entry.elements[k];
-        const before = openings.includes(shape.label) ? [] : entry.elements.filter((one) => openings.includes(one.label)).flatMap((one) => one.polygons);
-        const made = await post("shape", { op: "texture", frame: this.app.frame, polygons: shape.polygons, before });
-        entry = entries.replaceShape(entry, k, { ...shape, visible: made.polygons });
-      }
-      this.app.drawing.change(entry);
-    });
-    if (this.selected?.kind === "shape") this.setTool("paint");
-    this.app.say(`Visible parts proposed for ${chosen.length} element${chosen.length === 1 ? "" : "s"}: paint (B) and erase (E) correct them.`);
   }
 }
 

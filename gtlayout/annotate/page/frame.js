@@ -8,7 +8,7 @@ export class FrameDrawing {
   /** @param told called with "saving", "saved", "conflict" or "failed" and what there is to say of it */
   constructor(index, told) {
     const entry = nothing();
-    Object.assign(this, { index, told, entry, saved: entry, isLoaded: false, base: "", past: [], future: [], saving: null, theirs: null });
+    Object.assign(this, { index, told, entry, saved: entry, isLoaded: false, base: "", past: [], future: [], saving: null, theirs: null, saves: 0 });
   }
 
   async load() {
@@ -66,6 +66,7 @@ export class FrameDrawing {
       try {
         this.base = (await put(`frames/${this.index}`, { entry, base: this.base })).digest;
         this.saved = entry;
+        this.saves += 1;
       } catch (problem) {
         if (problem instanceof Conflict) {
           this.theirs = problem.now;

@@ -1,5 +1,6 @@
 // Puts the page together: the frame that is drawn, the tools, and what the server finds out meanwhile.
 import { get } from "./api.js";
+import { texture } from "./brush.js";
 import { Editor } from "./editor.js";
 import * as entries from "./entry.js";
 import { FrameDrawing } from "./frame.js";
@@ -46,7 +47,7 @@ class App {
       if (!this.drawing.isSaved) return this.say("This frame is not saved yet: see above.");
     }
     const drawing = this.drawings.get(frame) ?? new FrameDrawing(frame, (what, text) => this.told(frame, what, text));
-    await this.tried(() => (drawing.isLoaded ? this.follow(drawing) : drawing.load()));
+    await this.tried(async () => (drawing.isLoaded ? this.follow(drawing, (await get(`frames/${frame}`)).digest) : drawing.load()));
     if (!drawing.isLoaded) return undefined;
     this.drawings.set(frame, drawing);
     Object.assign(this, { frame, drawing, drafts: [], proposal: NOTHING_PROPOSED, proposalOf: "" });
@@ -80,13 +81,11 @@ class App {
     this.say(finding.message);
   }
 
-  /** What others have drawn in the frame meanwhile. */
-  async follow(drawing) {
-    const now = this.state.file.digests[drawing.index] ?? "";
-    if (this.state.file.problem || now === drawing.base || !drawing.isSaved || drawing.saving) return true;
+  /** What others have drawn in the frame meanwhile, when its digest on the server is ``now``. */
+  async follow(drawing, now) {
+    if (now === drawing.base || !drawing.isSaved || drawing.saving) return;
     await drawing.reload();
     this.say(`${this.about.frames[drawing.index].name} was changed in another window or program: this is what is drawn there now. Undo brings back what was here.`);
-    return true;
   }
 
   // Proposals
@@ -133,9 +132,12 @@ class App {
   async poll() {
     let busy = false;
     try {
+      const { drawing, drawing: { saves } } = this;
       this.state = await get("state");
       busy = this.state.at_work !== null || !this.drawing.isSaved;
-      await this.follow(this.drawing);
+      // What was asked before the last save may not know of it.
+      const isNew = drawing === this.drawing && saves === drawing.saves && !this.state.file.problem;
+      if (isNew) await this.follow(drawing, this.state.file.digests[drawing.index] ?? "");
       this.showState();
       const number = this.state.solved?.number ?? 0;
       if (number !== this.roomNumber) {
@@ -210,13 +212,22 @@ class App {
       redo: () => { this.drawing.redo(); this.editor.reset(); this.proposeAgain(); },
       snap: () => { this.editor.snapping = !this.editor.snapping; this.say(this.editor.snapping ? "Snapping is on." : "Snapping is off."); },
       fit: () => this.stage.fit(),
-      texture: () => this.editor.texture(),
+      texture: () => this.proposeVisible(),
       confirm: () => this.editor.confirm(),
       "confirm-all": () => this.editor.confirmAll(),
       unsnap: () => this.editor.unsnap(),
       delete: () => this.editor.remove(),
     };
     actions[what]();
+    this.redraw();
+  }
+
+  /** Of the selected element, or of all that have no visible parts yet. */
+  async proposeVisible() {
+    const { selected, shapes } = this.editor;
+    const chosen = selected?.kind === "shape" ? [shapes[selected.index]] : shapes.filter((shape) => !shape.visible?.length);
+    await texture(this, chosen.filter((shape) => shape.label !== "blank").map((shape) => shape.id));
+    if (selected?.kind === "shape") this.editor.tool = "paint";
     this.redraw();
   }
 
