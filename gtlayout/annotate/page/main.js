@@ -138,6 +138,7 @@ class App {
       // What was asked before the last save may not know of it.
       const isNew = drawing === this.drawing && saves === drawing.saves && !this.state.file.problem;
       if (isNew) await this.follow(drawing, this.state.file.digests[drawing.index] ?? "");
+      if (!this.state.file.problem && drawing.theirs === null && !drawing.isSaved) drawing.save(); // the file is repaired
       this.showState();
       const number = this.state.solved?.number ?? 0;
       if (number !== this.roomNumber) {
