@@ -14,7 +14,7 @@ import pytest
 from gtlayout.io.files import write_json_atomic
 from gtlayout.synth import SynthConfig, synthesize
 
-pytest_plugins = ("browser", "serving", "web_viewer")
+pytest_plugins = ("annotate_server", "browser", "serving", "web_viewer")
 SHARED_DATA = Path(__file__).parents[2] / "shared/data"
 TINY_SIZE = (64, 48)
 TINY_FRAMES = 5

@@ -323,6 +323,13 @@ app.command(
 )
 
 
+app.command(
+    "gtlayout.cli.annotate:annotate",
+    name="annotate",
+    help="Draw a scene in the browser while it is solved: prints the address of the page, and serves it until Ctrl-C.",
+)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     return exit_status(app, arguments, "interrupted")

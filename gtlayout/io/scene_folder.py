@@ -31,7 +31,7 @@ from gtlayout.io.choosing import (
     the_one,
 )
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
-from gtlayout.io.units import SCENE_FILE, in_metres, read_unit
+from gtlayout.io.units import SCENE_FILE, Unit, in_metres, read_unit
 from gtlayout.io.video_record import with_origins
 from gtlayout.scene import Frame, KeyFrame, Scene
 
@@ -77,12 +77,24 @@ def load_scene(
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
     ``Scene.warnings`` lists what was repaired or skipped.
     """
+    posed, unit = _posed(root, cameras)
+    scene = scene_of(root, posed, annotations, annotated=annotated)
+    return scene if unit.metric is None else replace(scene, metric=unit.metric)
+
+
+def load_undrawn(root: Path, cameras: Path | None = None) -> Scene:
+    """The scene without key frames, whatever is drawn; arguments and errors as for ``load_scene``."""
+    posed, unit = _posed(root, cameras)
+    scene, _ = _undrawn(root, posed)
+    return scene if unit.metric is None else replace(scene, metric=unit.metric)
+
+
+def _posed(root: Path, cameras: Path | None) -> tuple[PosedImages, Unit]:
+    """What the cameras' source says, in metres where the unit of the scene is known."""
     if not root.is_dir():
         raise GtlayoutError(f"no scene folder {root}")
     unit = read_unit(root / SCENE_FILE)
-    posed = in_metres(read_cameras(root, cameras)[1], unit)
-    scene = scene_of(root, posed, annotations, annotated=annotated)
-    return scene if unit.metric is None else replace(scene, metric=unit.metric)
+    return in_metres(read_cameras(root, cameras)[1], unit), unit
 
 
 def read_cameras(root: Path, cameras: Path | None = None) -> tuple[Source[PosedImages], PosedImages]:
@@ -101,15 +113,19 @@ def read_cameras(root: Path, cameras: Path | None = None) -> tuple[Source[PosedI
 
 def scene_of(root: Path, cameras: PosedImages, annotations: Path | None, *, annotated: bool) -> Scene:
     """The scene that ``cameras`` and the annotations in the file or folder ``annotations`` make; see ``load_scene``."""
-    frames, without_image, frame_warnings = build_frames(root, cameras.images)
-    frames, origin_warnings = with_origins(root, frames)
+    scene, without_image = _undrawn(root, cameras)
     place = root if annotations is None else named_path(root, annotations, "annotations")
     expected = annotated or annotations is not None
-    key_frames, annotation_warnings = _key_frames(place, frames, without_image, expected)
+    key_frames, warnings = _key_frames(place, scene.frames, without_image, expected)
+    return replace(scene, key_frames=key_frames, warnings=(*scene.warnings, *warnings))
+
+
+def _undrawn(root: Path, cameras: PosedImages) -> tuple[Scene, Sequence[str]]:
+    """The scene that ``cameras`` make, without key frames, and the names of cameras without an image."""
+    frames, without_image, frame_warnings = build_frames(root, cameras.images)
+    frames, origin_warnings = with_origins(root, frames)
     metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
-    return Scene(
-        root, frames, key_frames, metric, (*cameras.warnings, *frame_warnings, *origin_warnings, *annotation_warnings)
-    )
+    return Scene(root, frames, (), metric, (*cameras.warnings, *frame_warnings, *origin_warnings)), without_image
 
 
 def _key_frames(
