@@ -36,14 +36,13 @@ def start_without_wrong_contacts(
         dropped = wrong
 
 
-def without_wrong_contacts(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> Evidence:
-    """Evidence without the contact edges of pairs that disagree with all others, for (S, 4) planes near the optimum."""
-    return evidence.without(_disagreeing(evidence, planes, config))
-
-
-def all_contacts_fit(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> bool:
-    """Whether no contact edge is further than it may be from where two of (S, 4) ``planes`` meet."""
-    return all(misfit <= config.max_contact_px for misfit in contact_misfits_px(evidence, planes, config).values())
+def near_start_without_wrong_contacts(
+    evidence: Evidence, planes: FloatArray, config: EstimationConfig, seed: int
+) -> tuple[Evidence, FloatArray]:
+    """The same, from (S, 4) planes near the optimum, which stay where all contacts fit."""
+    if all(misfit <= config.max_contact_px for misfit in contact_misfits_px(evidence, planes, config).values()):
+        return evidence, planes
+    return without_outvoting(evidence, _disagreeing(evidence, planes, config), planes, config, seed)
 
 
 def _disagreeing(evidence: Evidence, planes: FloatArray, config: EstimationConfig) -> frozenset[Pair]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gtlayout.planes.config import EstimationConfig
-from gtlayout.planes.contacts import all_contacts_fit, without_wrong_contacts
+from gtlayout.planes.contacts import near_start_without_wrong_contacts
 from gtlayout.planes.evidence import Evidence
 from gtlayout.planes.initialization import initial_planes
 from gtlayout.scene import FloatArray
@@ -17,5 +17,4 @@ def warm_start(
     Local world.
     """
     planes = initial_planes(evidence, config.depth_range, config.initialization, seed, known)
-    fit = all_contacts_fit(evidence, planes, config)
-    return evidence if fit else without_wrong_contacts(evidence, planes, config), planes
+    return near_start_without_wrong_contacts(evidence, planes, config, seed)
