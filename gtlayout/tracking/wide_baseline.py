@@ -14,7 +14,7 @@ import numpy as np
 from shapely import contains_xy
 
 from gtlayout.memory import Memory
-from gtlayout.scene import Element, FloatArray, IntArray, Scene
+from gtlayout.scene import BoolArray, Camera, Element, FloatArray, IntArray, Scene
 from gtlayout.tracking.config import TrackingConfig, WideBaselineConfig
 from gtlayout.tracking.epipolar import EpipolarMatcher
 from gtlayout.tracking.features import Features, VideoFeatures
@@ -110,14 +110,18 @@ def _of_key_frame(
     key, elements, features = scene.key_frames[k].frame, scene.key_frames[k].elements, found.of_frame
     own, on_element = _on_elements(features[key], elements, config.max_features)
     sigma_px = float(np.hypot(tracking.sigma_px, features[key].sigma_px))
-    matched = _matches(scene, matcher, features, key, own, near, sigma_px)
-    element, observed = [], []
-    for row, of_element in enumerate(on_element.tolist()):
-        seen = _agreeing(scene, key, features[key].points_px[own[row]], matched[row], sigma_px, config)
-        if len(seen.frame) + 1 >= tracking.min_observations:
-            element.append(of_element)
-            observed.append(seen.with_key(key, features[key].points_px[own[row]]))
-    return _FoundAgain(tuple(element), sigma_px, tuple(observed), np.bincount(on_element, minlength=len(elements)))
+    key_px = features[key].points_px[own]
+    found_px = _matches(scene, matcher, features, key, own, near, sigma_px)
+    cameras = [scene.frames[f].camera for f in near]
+    agree = _agreeing(scene.frames[key].camera, key_px, cameras, found_px, sigma_px, config)
+    enough = np.nonzero(agree.sum(axis=1) + 1 >= tracking.min_observations)[0]
+    frames = np.array(near, dtype=np.int64)
+    return _FoundAgain(
+        tuple(on_element[enough].tolist()),
+        sigma_px,
+        tuple(_Seen(frames[agree[i]], found_px[i, agree[i]]).with_key(key, key_px[i]) for i in enough),
+        np.bincount(on_element, minlength=len(elements)),
+    )
 
 
 def _on_elements(features: Features, elements: Sequence[Element], most: int) -> tuple[IntArray, IntArray]:
@@ -149,9 +153,6 @@ class _Seen:
     frame: IntArray
     points_px: FloatArray
 
-    def only(self, kept: IntArray) -> _Seen:
-        return _Seen(self.frame[kept], self.points_px[kept])
-
     def with_key(self, key: int, point_px: FloatArray) -> _Seen:
         """With the feature itself in its key frame."""
         at = int(np.searchsorted(self.frame, key))
@@ -166,51 +167,53 @@ def _matches(
     own: IntArray,
     frames: Sequence[int],
     sigma_px: float,
-) -> list[_Seen]:
-    """Of each feature ``own`` of frame ``key`` the matches in ``frames``."""
-    partner = np.full((len(own), len(frames)), _NO_MATCH)
+) -> FloatArray:
+    """(n, F, 2) where each feature ``own`` of frame ``key`` is found in each of ``frames``, px; NaN where it is not."""
+    points_px = np.full((len(own), len(frames), 2), np.nan)
     row_of = np.full(len(features[key]), -1)
     row_of[own] = np.arange(len(own))
     for column, f in enumerate(frames):
         index, found = matcher(
             features[key], scene.frames[key].camera, own, features[f], scene.frames[f].camera, sigma_px
         )
-        partner[row_of[index], column] = found
-    numbers = np.array(frames, dtype=np.int64)
-    seen = []
-    for row in partner:
-        columns = np.nonzero(row != _NO_MATCH)[0].tolist()
-        points = [features[frames[c]].points_px[row[c]] for c in columns]
-        seen.append(_Seen(numbers[columns], np.array(points).reshape(-1, 2)))
-    return seen
+        points_px[row_of[index], column] = features[f].points_px[found]
+    return points_px
 
 
 def _agreeing(
-    scene: Scene, key: int, point_px: FloatArray, seen: _Seen, sigma_px: float, config: WideBaselineConfig
-) -> _Seen:
-    """The matches of a feature that agree on its depth; none when these are too small a share.
+    key: Camera,
+    key_px: FloatArray,
+    cameras: Sequence[Camera],
+    points_px: FloatArray,
+    sigma_px: float,
+    config: WideBaselineConfig,
+) -> BoolArray:
+    """(n, F) which matches of a feature agree on its depth; none of one of which these are too small a share.
 
     Every match proposes its depth, and the one that most others confirm is taken.
+
+    Args:
+        key: Camera of the features.
+        key_px: (n, 2) the features.
+        cameras: F others.
+        points_px: (n, F, 2) where these see them; NaN = not found.
     """
-    count = len(seen.frame)
-    if count == 0:
-        return seen
-    camera = scene.frames[key].camera
-    ray = camera.rays_world(point_px[None])[0]
-    cameras = [scene.frames[f].camera for f in seen.frame.tolist()]
-    far = np.array([c.K @ (c.R_cam_from_world @ ray) for c in cameras])
-    slope = np.array([c.K @ (c.R_cam_from_world @ camera.center_world + c.t_cam_from_world) for c in cameras])
+    if not cameras:
+        return np.zeros((len(key_px), 0), dtype=bool)
+    far = np.stack([key.rays_world(key_px) @ (c.K @ c.R_cam_from_world).T for c in cameras], axis=1)
+    slope = np.array([c.K @ (c.R_cam_from_world @ key.center_world + c.t_cam_from_world) for c in cameras])
     # A pixel u is met where the first two coordinates of far + ρ slope are u times the third.
-    a = slope[:, :2] - seen.points_px * slope[:, 2:]
-    b = seen.points_px * far[:, 2:] - far[:, :2]
-    rho = np.maximum(np.sum(a * b, axis=1) / np.maximum(np.sum(a * a, axis=1), 1e-12), 0.0)
-    image = far + rho[:, None, None] * slope
-    image_px = image[:, :, :2] / np.where(image[:, :, 2:] > 0, image[:, :, 2:], np.nan)
-    off_px = np.linalg.norm(image_px - seen.points_px, axis=2)
+    a = slope[:, :2] - points_px * slope[:, 2:]
+    b = points_px * far[:, :, 2:] - far[:, :, :2]
+    rho = np.maximum(np.sum(a * b, axis=2) / np.maximum(np.sum(a * a, axis=2), 1e-12), 0.0)
+    image = far[:, None] + rho[:, :, None, None] * slope
+    image_px = image[..., :2] / np.where(image[..., 2:] > 0, image[..., 2:], np.nan)
+    off_px = np.linalg.norm(image_px - points_px[:, None], axis=3)
     near = off_px < config.tolerance_sigmas * sigma_px
-    best = int(np.argmax(near.sum(axis=1)))
-    kept = np.nonzero(near[best])[0]
-    return seen.only(kept if len(kept) >= config.min_agreement * count else kept[:0])
+    best = near.sum(axis=2).argmax(axis=1)
+    kept: BoolArray = near[np.arange(len(near)), best]
+    found = np.isfinite(points_px[:, :, 0]).sum(axis=1)
+    return kept & (kept.sum(axis=1) >= config.min_agreement * found)[:, None]
 
 
 def _tracks(
