@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import shapely
+from conftest import SHARED_DATA
 from scipy.spatial.transform import Rotation
 
 from gtlayout.io.scene_folder import load_scene
@@ -23,11 +24,20 @@ Members = frozenset[tuple[str, str]]
 """What an instance is, whatever it is called: image and id of each of its drawings."""
 
 
-@pytest.fixture(scope="module", params=["synthetic", "office"])
-def scene(request: pytest.FixtureRequest, room: Path) -> Scene:
-    if request.param == "synthetic":
-        return load_scene(room)
-    clip = Path(__file__).parents[2] / "shared/data/office"
+@pytest.fixture(scope="module")
+def scene(room: Path) -> Scene:
+    return load_scene(room)
+
+
+@pytest.fixture(scope="module")
+def solution(scene: Scene) -> Solution:
+    return solve(scene)
+
+
+@pytest.fixture(scope="module")
+def office() -> Scene:
+    """The first four key frames of the real clip."""
+    clip = SHARED_DATA / "office"
     if not clip.is_dir():
         pytest.skip("real clip office is not beside the checkout")
     whole = load_scene(clip)
@@ -36,8 +46,8 @@ def scene(request: pytest.FixtureRequest, room: Path) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def solution(scene: Scene) -> Solution:
-    return solve(scene)
+def office_solution(office: Scene) -> Solution:
+    return solve(office)
 
 
 def moved(scene: Scene, scale: float = 1.0, turn: FloatArray | None = None, shift: float = 0.0) -> Scene:
@@ -119,21 +129,38 @@ def rolled(element: Element) -> Element:
     )
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda key_frame: replace(key_frame, elements=key_frame.elements[::-1]),
-        each_element(reversed_rings),
-        each_element(rolled),
-        lambda key_frame: replace(key_frame, occlusion_edges=tuple(e[::-1] for e in key_frame.occlusion_edges[::-1])),
-    ],
-    ids=["order", "winding", "first vertex", "occlusion edges"],
-)
+REWRITTEN: dict[str, Callable[[KeyFrame], KeyFrame]] = {
+    "order": lambda key_frame: replace(key_frame, elements=key_frame.elements[::-1]),
+    "winding": each_element(reversed_rings),
+    "first vertex": each_element(rolled),
+    "occlusion edges": lambda key_frame: replace(
+        key_frame, occlusion_edges=tuple(edge[::-1] for edge in key_frame.occlusion_edges[::-1])
+    ),
+}
+
+
+@pytest.mark.parametrize("change", REWRITTEN.values(), ids=REWRITTEN.keys())
 def test_how_drawings_are_written_changes_no_plane(
     scene: Scene, solution: Solution, change: Callable[[KeyFrame], KeyFrame]
 ) -> None:
     found = differences(solution, solve(redrawn(scene, change)))
     assert found[:, :4].max() < 1e-9
+
+
+def test_all_of_that_together_changes_nothing_of_a_real_clip(office: Scene, office_solution: Solution) -> None:
+    rewritten = office
+    for change in REWRITTEN.values():
+        rewritten = redrawn(rewritten, change)
+    found = differences(office_solution, solve(rewritten))
+    assert found[:, :4].max() < 1e-9
+
+
+@pytest.mark.parametrize(("scale", "turn", "shift"), [(7.3, TURN, 1e4), (1e-3, None, 0.0)])
+def test_world_and_unit_change_nothing_of_a_real_clip(
+    office: Scene, office_solution: Solution, scale: float, turn: FloatArray | None, shift: float
+) -> None:
+    other = solve(moved(office, scale, turn, shift))
+    assert differences(office_solution, other, scale, turn)[:, :4].max() < 1e-6
 
 
 def test_ids_change_no_plane(scene: Scene, solution: Solution) -> None:
@@ -185,16 +212,16 @@ def test_frames_that_are_there_twice_change_nothing(scene: Scene, solution: Solu
     assert set(np.unique(other.tracks.frame)) <= set(range(0, len(frames), 2))
 
 
-def test_png_for_jpeg_changes_nothing(scene: Scene, solution: Solution, tmp_path: Path) -> None:
+def test_png_for_jpeg_changes_nothing(office: Scene, office_solution: Solution, tmp_path: Path) -> None:
     frames = []
-    for frame in scene.frames:
+    for frame in office.frames:
         png = tmp_path / f"{Path(frame.name).stem}.png"
         pixels = cv2.imread(str(frame.image_path))
         assert pixels is not None
         cv2.imwrite(str(png), pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         frames.append(replace(frame, image_path=png))
-    other = solve(replace(scene, frames=tuple(frames)))
-    assert differences(solution, other)[:, 4].max() < 1e-9
+    other = solve(replace(office, frames=tuple(frames)))
+    assert differences(office_solution, other)[:, 4].max() < 1e-9
 
 
 def test_numbers_are_those_of_the_scene_that_was_given(scene: Scene, solution: Solution) -> None:
