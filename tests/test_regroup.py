@@ -319,8 +319,8 @@ def solve(
     )
     regrouped = [{(k, number[k][e]) for k, e in group} for group in groups]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(method, "track", lambda *_: renumbered)
-        patch.setattr(method, "with_wide_baselines", lambda scene, tracks, *_: tracks)
+        patch.setattr(method, "track", lambda *_, **__: renumbered)
+        patch.setattr(method, "with_wide_baselines", lambda scene, tracks, *_, **__: tracks)
         patch.setattr(method, "correspond", lambda scene, *_: form(replace(room, scene=scene), renumbered, regrouped))
         return method.solve(room.scene, config, restarts=restarts)
 
