@@ -40,7 +40,7 @@ export function showStrip(about, state, current) {
   const ious = state.solved?.ious ?? {};
   for (const button of byId("strip").querySelectorAll("button")) {
     const k = Number(button.dataset.frame);
-    const found = state.findings.filter((one) => one.frame === about.frames[k].name).length;
+    const found = state.findings.filter((one) => one.frame === about.frames[k].name && !one.outdated).length;
     const drawn = k in state.file.digests;
     const word = k in state.file.unusable ? "damaged" : drawn ? "drawn" : state.file.drafts.includes(k) ? "drafted" : state.next_frames.includes(k) ? "suggested" : "";
     const iou = drawn && ious[k] != null ? ` ${ious[k].toFixed(2)}` : "";
@@ -81,7 +81,10 @@ export function showElements(entry, drafts, selected, colors, select) {
 export function showFindings(state, goTo) {
   byId("findings-section").hidden = state.findings.length === 0;
   fill("findings", state.findings, () =>
-    state.findings.map((one) => node("li", {}, node("button", { type: "button", textContent: `${one.frame}: ${one.message}`, onclick: () => goTo(one) }))));
+    state.findings.map((one) => {
+      const textContent = `${one.outdated ? "drawn anew since: " : ""}${one.frame}: ${one.message}`;
+      return node("li", {}, node("button", { type: "button", className: one.outdated ? "soft" : "", textContent, onclick: () => goTo(one) }));
+    }));
 }
 
 export function showSolving(state) {
