@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from annotate_server import DRAWN, ROOM, Client, SolvedSession, annotate_server, until
+from annotate_server import ROOM, Client, SolvedSession, annotate_server, until
 from playwright.sync_api import Page, Route, expect
 from shapely import MultiPolygon, Point, Polygon, box
 
-from gtlayout.api import load_solved
+from gtlayout.api import load, load_solved
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.proposals.proposal import Proposal, ProposedEdge, ProposedElement
 from gtlayout.proposals.propose import Proposer
@@ -164,7 +164,6 @@ def test_a_room_is_drawn_from_nothing(page: Page, stage: Stage, problems: list[s
 
         until(lambda: solved()["full"] and "12" in solved()["ious"], PATIENCE_MS / 1000)
         assert solved()["iou"] >= 0.97
-        assert solved()["word"] == "trust"
     assert problems == []
     assert [key_frame.frame for key_frame in load_solved(undrawn)[0].key_frames] == [8, 12, 16]
 
@@ -431,7 +430,7 @@ def test_an_answer_from_before_a_save_is_no_change_by_others(
 ) -> None:
     with annotate_server(drawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
-        count = page.locator("#elements button").count()
+        count = page.locator("#elements .shape").count()
         late: list[Route] = []
 
         def hold(route: Route) -> None:
@@ -447,14 +446,14 @@ def test_an_answer_from_before_a_save_is_no_change_by_others(
             if late:
                 break
         answer = late[0].fetch()  # of now; it arrives after the element is gone
-        page.locator("#elements button").first.click()
+        page.locator("#elements .shape button").first.click()
         stage.press("Delete")
         stage.saved()
         late[0].fulfill(response=answer)
         page.wait_for_timeout(800)
         expect(page.locator("#hint")).not_to_contain_text("another window")
         stage.press("z", "y")
-        expect(page.locator("#elements button")).to_have_count(count - 1)
+        expect(page.locator("#elements .shape")).to_have_count(count - 1)
     assert problems == []
 
 
@@ -473,16 +472,14 @@ def test_names_stay_text(
         (drawn / file).write_text(text)
     data = read_json(drawn / "annotations.json")
     data["frames"][0]["elements"][0].update(id=f'"><script>alert(2)</script>{evil}', label=f"wall{evil}")
+    data["frames"][0]["elements"][1]["id"] = name = f"<script>alert(3)</script>{evil}"
     write_json_atomic(drawn / "annotations.json", data)
     names = [key_frame["image"] for key_frame in data["frames"]]
     assert names == [f"{evil}.jpg", "000016.jpg"]
-    name = data["frames"][0]["elements"][0]["id"]
     where, expected = np.array([[10.0, 10.0], [60.0, 60.0]]), np.array([[5.0, 5.0], [9.0, 9.0]])
     wrong = Finding(0, f"{evil}.jpg", name, 0, "edge", f"gap {evil}", 9.0, where, expected)
     monkeypatch.setattr("gtlayout.annotate.solver.review", lambda _solution: (wrong,))
-    scene = two_drawn.scene
-    frames = [replace(one, name=f"{evil}.jpg") if i == DRAWN[0] else one for i, one in enumerate(scene.frames)]
-    renamed = replace(two_drawn, scene=replace(scene, frames=tuple(frames)))
+    renamed = replace(two_drawn, scene=replace(two_drawn.scene, frames=load(drawn).frames))
     with annotate_server(drawn, SolvedSession(renamed)) as address:
         open_page(page, address)
         page.locator("#findings button", has_text="gap").click()
