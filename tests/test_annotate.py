@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import cv2
 import numpy as np
 import pytest
 import shapely
@@ -25,7 +26,7 @@ from gtlayout.annotate.entries import digest
 from gtlayout.annotate.outdated import is_outdated
 from gtlayout.annotate.scene import open_scene
 from gtlayout.annotate.shapes import halves, painted, rings_px
-from gtlayout.annotate.solver import Solver
+from gtlayout.annotate.solver import Solved, Solver
 from gtlayout.annotate.store import ConflictError, Store
 from gtlayout.annotate.visible import textured_part
 from gtlayout.api import load, load_solved
@@ -33,6 +34,9 @@ from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.proposals.config import ProposalConfig
+from gtlayout.proposals.proposal import Proposal
+from gtlayout.proposals.propose import Proposer
 from gtlayout.quality.headline import Headline
 from gtlayout.review.findings import Finding, FindingKind
 from gtlayout.scene import Element, KeyFrame
@@ -402,6 +406,26 @@ def test_visible_parts_are_proposed_where_there_is_texture() -> None:
     hidden = textured_part(gray, wall, door, np.array([[100.0, 100.0]]), config)
     assert hidden.intersection(box(95, 95, 105, 105)).area == 0
     assert textured_part(np.full((200, 300), 9, dtype=np.uint8), wall, door, nothing, config).is_empty
+
+
+def test_visible_parts_are_proposed_where_some_are_drawn(two_drawn: Solution) -> None:
+    def proposed(solution: Solution) -> Proposal:
+        solved = Solved(1, solution, True, 1.0, (), (), Proposer(solution, ProposalConfig()))
+        return solved.propose(12, lambda: np.asarray(cv2.imread(str(scene.frames[12].image_path)), dtype=np.uint8))
+
+    scene = two_drawn.scene
+    elements = [one.element for one in proposed(two_drawn).elements]
+    window = next(one.amodal for one in elements if one.label == "window")
+    behind = next(one for one in elements if one.label == "wall" and one.amodal.contains(window.centroid))
+    assert 0.3 < behind.visible.area / behind.amodal.difference(window).area < 1
+    assert behind.visible.intersection(window).area < 50
+    bare = [
+        replace(one, elements=tuple(replace(element, visible=MultiPolygon()) for element in one.elements))
+        for one in scene.key_frames
+    ]
+    whole = proposed(replace(two_drawn, scene=replace(scene, key_frames=tuple(bare))))
+    assert len(whole.elements) == len(elements)
+    assert all(one.element.visible.is_empty for one in whole.elements)
 
 
 # The command

@@ -244,7 +244,7 @@ class App {
     const { editor } = this;
     const findings = (this.state?.findings ?? []).filter((one) => one.frame === this.about.frames[this.frame].name && !one.outdated);
     const isBrush = editor.tool === "paint" || editor.tool === "erase";
-    this.stage.draw({ entry: editor.entry, drafts: this.drafts, proposal: this.proposal, findings, selected: editor.selected, pen: editor.pen, tool: editor.tool, cursor: editor.cursor, brush: isBrush ? editor.brush : 0 });
+    this.stage.draw({ entry: editor.entry, drafts: this.drafts, proposal: this.proposal, findings, selected: editor.selected, pen: editor.pen, tool: editor.tool, cursor: editor.tool === "select" && editor.isPointed ? null : editor.cursor, brush: isBrush ? editor.brush : 0 });
     panels.showElements(editor.entry, this.drafts, editor.selected, this.colors, (one) => { editor.select(one); this.stage.svg.focus(); });
     byId("draft-count").textContent = this.drafts.length ? `${this.drafts.length} proposed` : "nothing proposed";
     for (const button of byId("draft-bar").querySelectorAll("button")) button.disabled = this.drafts.length === 0;

@@ -29,7 +29,7 @@ export function buildStrip(about, go) {
   byId("strip").replaceChildren(
     ...about.frames.map((frame, k) => {
       const image = node("img", { src: `frames/${k}/thumbnail`, alt: "", loading: "lazy", width: 96, height: Math.round((96 * frame.height) / frame.width) });
-      const button = node("button", { type: "button", onclick: () => go(k) }, image, node("span", { className: "name", textContent: frame.name }), node("span", { className: "badge" }));
+      const button = node("button", { type: "button", onclick: () => go(k) }, image, node("span", { className: "name", textContent: frame.name }), node("span", { className: "badge" }), node("span", { className: "count" }));
       button.dataset.frame = k;
       return node("li", {}, button);
     }),
@@ -44,7 +44,8 @@ export function showStrip(about, state, current) {
     const drawn = k in state.file.digests;
     const word = k in state.file.unusable ? "damaged" : drawn ? "drawn" : state.file.drafts.includes(k) ? "drafted" : state.next_frames.includes(k) ? "suggested" : "";
     const iou = drawn && ious[k] != null ? ` ${ious[k].toFixed(2)}` : "";
-    setText(button.querySelector(".badge"), word + iou + (found ? ` · ${found} !` : ""));
+    setText(button.querySelector(".badge"), word + iou);
+    setText(button.querySelector(".count"), found ? `${found} !` : "");
     button.title = `${about.frames[k].name} ${word}${iou}${found ? `, ${found} to be looked at` : ""}`;
     button.dataset.is = word;
     if (k === current) button.setAttribute("aria-current", "true");
