@@ -1,4 +1,4 @@
-"""``gtlayout annotate`` in this process, on the example. Fixtures ``solved_room``, ``undrawn`` and ``drawn``."""
+"""``gtlayout annotate`` in this process, on the example. Fixtures ``two_drawn``, ``undrawn`` and ``drawn``."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import socket
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
 
-from gtlayout.annotate.assistant import Assistant, Finding, plain
 from gtlayout.annotate.serve import prepared
 from gtlayout.api import load
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json, write_json_atomic
 from gtlayout.method import solve
 from gtlayout.scene import KeyFrame, Scene
+from gtlayout.session.session import Session
 from gtlayout.solution import Solution
 
 ROOM = Path(__file__).parents[1] / "examples/room"
@@ -33,18 +33,19 @@ DRAWN = (8, 16)
 
 
 @pytest.fixture(scope="session")
-def solved_room() -> Solution:
+def two_drawn() -> Solution:
     """The example as two of its frames are drawn, solved."""
     scene = load(ROOM)
     return solve(replace(scene, key_frames=tuple(one for one in scene.key_frames if one.frame in DRAWN)))
 
 
-@dataclass
-class SolvedSession:
+class SolvedSession(Session):
     """Takes no time: the solution of the example, for whatever is drawn in two frames or more."""
 
-    solution: Solution
-    calls: list[str] = field(default_factory=list)
+    def __init__(self, solution: Solution) -> None:
+        super().__init__(solution.scene)
+        self.solution = solution
+        self.calls: list[str] = []
 
     def quick(self, key_frames: Sequence[KeyFrame]) -> Solution:
         return self._given("quick", key_frames)
@@ -57,15 +58,6 @@ class SolvedSession:
         if len(key_frames) < 2:
             raise GtlayoutError("one frame is not enough")
         return self.solution
-
-
-def assistant_of(session: SolvedSession, findings: Sequence[Finding] = ()) -> Assistant:
-    """All as in ``plain``, but for the solve and the review."""
-
-    def start(_scene: Scene) -> SolvedSession:
-        return session
-
-    return replace(plain(), session=start, review=lambda _solution: findings)
 
 
 @dataclass(frozen=True)
@@ -108,10 +100,14 @@ class Client:
 
 
 @contextmanager
-def annotate_server(root: Path, assistant: Assistant) -> Iterator[str]:
-    """The address of the page, while it is served."""
+def annotate_server(root: Path, session: Session | None = None) -> Iterator[str]:
+    """The address of the page, while it is served; all is solved for real unless there is a session."""
+
+    def begun(scene: Scene) -> Session:
+        return session or Session(scene)
+
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        address, server, solver = prepared(root, assistant, listening)
+        address, server, solver = prepared(root, listening, session=begun)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]}, daemon=True)
         thread.start()
         try:

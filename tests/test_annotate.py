@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -11,17 +12,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
+import cv2
 import numpy as np
 import pytest
-from annotate_server import ROOM, Client, SolvedSession, annotate_server, assistant_of, until
+import shapely
+from annotate_server import ROOM, Client, SolvedSession, annotate_server, until
 from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.annotate.advice import LOA20_M, SIGMAS, advice, position_sigma
 from gtlayout.annotate.entries import digest
+from gtlayout.annotate.outdated import is_outdated
 from gtlayout.annotate.scene import open_scene
 from gtlayout.annotate.shapes import halves, painted, rings_px
-from gtlayout.annotate.solver import Solver
+from gtlayout.annotate.solver import Solved, Solver
 from gtlayout.annotate.store import ConflictError, Store
 from gtlayout.annotate.visible import textured_part
 from gtlayout.api import load, load_solved
@@ -29,8 +34,12 @@ from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.files import read_json, write_json_atomic
+from gtlayout.proposals.config import ProposalConfig
+from gtlayout.proposals.proposal import Proposal
+from gtlayout.proposals.propose import Proposer
 from gtlayout.quality.headline import Headline
-from gtlayout.scene import KeyFrame
+from gtlayout.review.findings import Finding, FindingKind
+from gtlayout.scene import Element, KeyFrame
 from gtlayout.solution import Solution
 from gtlayout.tracking.config import TrackingConfig
 
@@ -45,8 +54,8 @@ def drawing(label: str = "wall", name: str = "w", **more: Any) -> dict[str, Any]
 
 
 @pytest.fixture
-def ask(drawn: Path, solved_room: Solution) -> Iterator[Client]:
-    with annotate_server(drawn, assistant_of(SolvedSession(solved_room))) as address:
+def ask(drawn: Path, two_drawn: Solution) -> Iterator[Client]:
+    with annotate_server(drawn, SolvedSession(two_drawn)) as address:
         yield Client(address)
 
 
@@ -64,6 +73,10 @@ def test_only_the_page_itself_is_answered(ask: Client) -> None:
         assert ask("GET", "about", headers={"Origin": origin}).status == 403, origin
         assert ask("PUT", "frames/0", {}, headers={"Origin": origin}).status == 403, origin
     assert ask("PUT", "frames/0", {"entry": drawing(), "base": ""}, headers={"Origin": None}).status == 403
+    parts = urlsplit(ask.address)
+    with socket.create_connection((parts.hostname, parts.port), timeout=20) as raw:
+        raw.sendall(f"OPTIONS * HTTP/1.1\r\nHost: {parts.netloc}\r\nOrigin: http://{parts.netloc}\r\n\r\n".encode())
+        assert raw.recv(100).startswith(b"HTTP/1.1 404 ")
     for token in ("x", "..", "page", "a" * 22, "%2e%2e", ""):
         assert ask("GET", "about", token=token or "%C3%A9").status == 404, token
 
@@ -230,17 +243,17 @@ def test_scenes_that_cannot_be_annotated_are_refused_with_a_way_out(undrawn: Pat
 # The solve behind it
 
 
-def test_the_room_is_solved_behind_the_page_and_results_are_saved(drawn: Path, solved_room: Solution) -> None:
-    session = SolvedSession(solved_room)
-    with annotate_server(drawn, assistant_of(session)) as address:
+def test_the_room_is_solved_behind_the_page_and_results_are_saved(drawn: Path, two_drawn: Solution) -> None:
+    session = SolvedSession(two_drawn)
+    with annotate_server(drawn, session) as address:
         ask = Client(address)
         until(lambda: ask("GET", "state").json["solved"] is not None)
         state = ask("GET", "state").json
-        assert state["solved"]["full"] and state["solved"]["word"] == solved_room.quality.headline.word
+        assert state["solved"]["full"] and state["solved"]["word"] == two_drawn.quality.headline.word
         assert sorted(map(int, state["solved"]["ious"])) == [8, 16]
-        assert load_solved(drawn)[1].instances == solved_room.instances
+        assert load_solved(drawn)[1].instances == two_drawn.instances
         room = ask("GET", "room").json
-        assert {one["name"] for one in room["instances"]} == {one.name for one in solved_room.instances}
+        assert {one["name"] for one in room["instances"]} == {one.name for one in two_drawn.instances}
         # proposals: nothing where all is drawn, the room where nothing is
         assert ask("GET", "frames/8/proposal").json["elements"] == []
         proposed = ask("GET", "frames/10/proposal").json
@@ -258,8 +271,8 @@ def test_the_room_is_solved_behind_the_page_and_results_are_saved(drawn: Path, s
         until(lambda: session.calls[:3] == ["quick", "full", "quick"])
 
 
-def test_a_quick_solve_does_not_wait_for_a_full_one(tmp_path: Path, solved_room: Solution) -> None:
-    drawn = [solved_room.scene.key_frames]
+def test_a_quick_solve_does_not_wait_for_a_full_one(tmp_path: Path, two_drawn: Solution) -> None:
+    drawn = [two_drawn.scene.key_frames]
     begun, go_on = threading.Event(), threading.Event()
 
     class Slow(SolvedSession):
@@ -269,8 +282,8 @@ def test_a_quick_solve_does_not_wait_for_a_full_one(tmp_path: Path, solved_room:
                 assert go_on.wait(20)
             return super().solve(key_frames)
 
-    session = Slow(solved_room)
-    solver = Solver(solved_room.scene, assistant_of(session), lambda: (drawn[0], ()), tmp_path)
+    session = Slow(two_drawn)
+    solver = Solver(two_drawn.scene, session, lambda: (drawn[0], ()), tmp_path)
     until(lambda: solver.state.solved is not None)
     solver.changed()
     assert begun.wait(20)
@@ -287,8 +300,8 @@ def test_a_quick_solve_does_not_wait_for_a_full_one(tmp_path: Path, solved_room:
     assert solver.close()
 
 
-def test_while_there_is_no_room_it_is_said_what_is_missing(undrawn: Path, solved_room: Solution) -> None:
-    with annotate_server(undrawn, assistant_of(SolvedSession(solved_room))) as address:
+def test_while_there_is_no_room_it_is_said_what_is_missing(undrawn: Path, two_drawn: Solution) -> None:
+    with annotate_server(undrawn, SolvedSession(two_drawn)) as address:
         ask = Client(address)
         until(lambda: ask("GET", "state").json["advice"] != [])
         assert "first frame" in ask("GET", "state").json["advice"][0]["text"]
@@ -305,23 +318,52 @@ def test_while_there_is_no_room_it_is_said_what_is_missing(undrawn: Path, solved
         assert ask("GET", "frames/7/proposal").json["elements"][0]["id"] == "ceiling_0"
 
 
-def test_it_is_enough_when_all_planes_are_certain(solved_room: Solution) -> None:
-    layout = solved_room.layout
+def test_it_is_enough_when_all_planes_are_certain(two_drawn: Solution) -> None:
+    layout = two_drawn.layout
     sigmas = [position_sigma(plane, extent) for plane, extent in zip(layout.planes, layout.extents, strict=True)]
     share = 0.9 * LOA20_M / (SIGMAS * max(sigmas))
-    trusted = replace(solved_room.quality, headline=Headline("trust", ("good",)))
+    trusted = replace(two_drawn.quality, headline=Headline("trust", ("good",)))
 
     def scaled(by: float) -> Solution:
         planes = tuple(replace(plane, covariance=by**2 * plane.covariance) for plane in layout.planes)
-        return replace(solved_room, layout=replace(layout, planes=planes), quality=trusted)
+        return replace(two_drawn, layout=replace(layout, planes=planes), quality=trusted)
 
     (enough,) = advice(scaled(share), (3, 5))
     assert enough.enough and "LOA20" in enough.text
     first, *_ = advice(scaled(share * 1.2), (3, 5))
     assert not first.enough and first.text.startswith(layout.instances[int(np.argmax(sigmas))].name)
-    assert first.frame not in {key_frame.frame for key_frame in solved_room.scene.key_frames}
+    assert first.frame not in {key_frame.frame for key_frame in two_drawn.scene.key_frames}
     doubted = replace(scaled(share), quality=replace(trusted, headline=Headline("check", ("look at it",))))
     assert next(one.text for one in advice(doubted, ())) == "check: look at it"
+
+
+def test_findings_end_when_what_they_are_of_is_drawn_anew() -> None:
+    def key_frame(*shapes: tuple[str, Polygon], line: float = 0.0, blank: Polygon | None = None) -> KeyFrame:
+        elements = tuple(Element(name, "wall", MultiPolygon([shape]), MultiPolygon()) for name, shape in shapes)
+        lines = (np.array([[line, 0.0], [0.0, 9.0]]),)
+        return KeyFrame(8, elements, lines, MultiPolygon([blank] if blank else []))
+
+    def found(kind: FindingKind, element: str | None, where: Polygon) -> Finding:
+        return Finding(0, "a.jpg", element, None, kind, "", 1.0, shapely.get_coordinates(where))
+
+    a, b = ("a", box(0, 0, 50, 50)), ("b", box(60, 0, 100, 50))
+    before = key_frame(a, b)
+    gap = found("gap", None, box(50, 0, 60, 50))
+    edge = replace(found("edge", "b", box(0, 0, 1, 1)), where_px=np.array([[60.0, 0.0], [60.0, 50.0]]))
+    hidden = found("occlusion edge missing", "a", box(0, 0, 9, 9))
+    assert not any(is_outdated(one, before, key_frame(a, b)) for one in (gap, edge, hidden))
+    elsewhere = key_frame(("a", box(0, 0, 50, 40)), b)  # neither the gap nor the edge is there
+    assert [is_outdated(one, before, elsewhere) for one in (gap, edge, hidden)] == [True, False, True]
+    lower = key_frame(a, ("b", box(60, 0, 100, 49)), line=1.0)
+    assert [is_outdated(one, before, lower) for one in (edge, hidden)] == [True, True]
+    left = key_frame(("a", Polygon([(1, 0), (50, 0), (50, 50), (0, 50)])), b)
+    assert not is_outdated(gap, before, left)
+    assert is_outdated(gap, before, key_frame(a, b, ("c", box(51, 1, 59, 49))))
+    assert is_outdated(gap, before, key_frame(a, b, blank=box(50, 0, 60, 50)))
+    relabelled = replace(before, elements=(before.elements[0], replace(before.elements[1], label="door")))
+    assert is_outdated(edge, before, relabelled)
+    assert not is_outdated(gap, before, relabelled)
+    assert is_outdated(edge, before, None)
 
 
 # Shapes
@@ -364,6 +406,26 @@ def test_visible_parts_are_proposed_where_there_is_texture() -> None:
     hidden = textured_part(gray, wall, door, np.array([[100.0, 100.0]]), config)
     assert hidden.intersection(box(95, 95, 105, 105)).area == 0
     assert textured_part(np.full((200, 300), 9, dtype=np.uint8), wall, door, nothing, config).is_empty
+
+
+def test_visible_parts_are_proposed_where_some_are_drawn(two_drawn: Solution) -> None:
+    def proposed(solution: Solution) -> Proposal:
+        solved = Solved(1, solution, True, 1.0, (), (), Proposer(solution, ProposalConfig()))
+        return solved.propose(12, lambda: np.asarray(cv2.imread(str(scene.frames[12].image_path)), dtype=np.uint8))
+
+    scene = two_drawn.scene
+    elements = [one.element for one in proposed(two_drawn).elements]
+    window = next(one.amodal for one in elements if one.label == "window")
+    behind = next(one for one in elements if one.label == "wall" and one.amodal.contains(window.centroid))
+    assert 0.3 < behind.visible.area / behind.amodal.difference(window).area < 1
+    assert behind.visible.intersection(window).area < 50
+    bare = [
+        replace(one, elements=tuple(replace(element, visible=MultiPolygon()) for element in one.elements))
+        for one in scene.key_frames
+    ]
+    whole = proposed(replace(two_drawn, scene=replace(scene, key_frames=tuple(bare))))
+    assert len(whole.elements) == len(elements)
+    assert all(one.element.visible.is_empty for one in whole.elements)
 
 
 # The command

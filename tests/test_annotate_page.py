@@ -2,63 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from annotate_server import ROOM, SolvedSession, annotate_server, assistant_of
+from annotate_server import ROOM, Client, SolvedSession, annotate_server, until
 from playwright.sync_api import Page, Route, expect
 from shapely import MultiPolygon, Point, Polygon, box
 
-from gtlayout.api import load
+from gtlayout.api import load, load_solved
 from gtlayout.io.files import read_json, write_json_atomic
-from gtlayout.method import solve
-from gtlayout.scene import LABELS, Element, FloatArray
+from gtlayout.proposals.proposal import Proposal, ProposedEdge, ProposedElement
+from gtlayout.proposals.propose import Proposer
+from gtlayout.review.findings import Finding
+from gtlayout.scene import LABELS, Element, ImageArray
 from gtlayout.solution import Solution
 
 Px = list[float]
+PATIENCE_MS = 90_000.0
+"""For solves on a busy machine."""
 
 
-@dataclass(frozen=True)
-class Marked:
-    """A finding, as a review gives it."""
-
-    frame_name: str
-    element_id: str | None
-    message: str
-    where_px: FloatArray = field(default_factory=lambda: np.array([[10.0, 10.0], [60.0, 60.0]]))
-    expected_px: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class Edge:
-    start_px: FloatArray
-    confidence: float
-    unsnapped_px: FloatArray | None
-
-
-@dataclass(frozen=True)
-class Proposed:
-    element: Element
-    edges: tuple[Edge, ...]
-
-
-@dataclass(frozen=True)
-class OneWall:
+def one_wall(_proposer: Proposer, frame: int, _image: ImageArray | None = None) -> Proposal:
     """A proposal: the two sides of a wall were moved by 6 px to lines of the image."""
-
-    occlusion_edges: tuple[FloatArray, ...] = (np.array([[106.0, 300.0], [106.0, 100.0]]),)
-    uncovered: MultiPolygon = field(default_factory=lambda: MultiPolygon([box(300, 0, 480, 360)]))
-
-    @property
-    def elements(self) -> tuple[Proposed, ...]:
-        corners = np.array([[106.0, 100.0], [206.0, 100.0], [206.0, 300.0], [106.0, 300.0]])
-        before = corners - [6.0, 0.0]
-        moved = {1: before[[1, 2]], 3: before[[3, 0]]}
-        edges = tuple(Edge(corner, 0.9 - 0.2 * k, moved.get(k)) for k, corner in enumerate(corners))
-        return (Proposed(Element("wall_0", "wall", MultiPolygon([Polygon(corners)]), MultiPolygon()), edges),)
+    corners = np.array([[106.0, 100.0], [206.0, 100.0], [206.0, 300.0], [106.0, 300.0]])
+    before = corners - [6.0, 0.0]
+    moved = {1: before[[1, 2]], 3: before[[3, 0]]}
+    ends = np.roll(corners, -1, axis=0)
+    edges = tuple(
+        ProposedEdge(start, end, "contact", 2.0, 0.9 - 0.2 * k, moved.get(k))
+        for k, (start, end) in enumerate(zip(corners, ends, strict=True))
+    )
+    wall = Element("wall_0", "wall", MultiPolygon([Polygon(corners)]), MultiPolygon())
+    hidden = (np.array([[106.0, 300.0], [106.0, 100.0]]),)
+    return Proposal(frame, (ProposedElement(wall, 0, edges, 0.6),), hidden, MultiPolygon([box(300, 0, 480, 360)]))
 
 
 class Stage:
@@ -128,12 +107,9 @@ def iou(a: list[Px], b: list[Px]) -> float:
     return float(one.intersection(other).area / one.union(other).area)
 
 
-def test_a_room_is_drawn_from_nothing(
-    page: Page, stage: Stage, problems: list[str], undrawn: Path, solved_room: Solution
-) -> None:
+def test_a_room_is_drawn_from_nothing(page: Page, stage: Stage, problems: list[str], undrawn: Path) -> None:
     truth = {frame["image"]: frame for frame in read_json(ROOM / "annotations.json")["frames"]}
-    session = SolvedSession(solved_room)
-    with annotate_server(undrawn, assistant_of(session)) as address:
+    with annotate_server(undrawn) as address:
         open_page(page, address)
         page.locator("#advice", has_text="Draw a first frame").wait_for()
         for frame in ("000008.jpg", "000016.jpg"):
@@ -145,7 +121,8 @@ def test_a_room_is_drawn_from_nothing(
             assert [one["label"] for one in drawn] == [one["label"] for one in truth[frame]["elements"]]
             pairs = zip(drawn, truth[frame]["elements"], strict=True)
             assert min(iou(a["polygons"][0], b["polygons"][0]) for a, b in pairs) > 0.8  # snapped: slivers are wider
-        page.locator("#solving", has_text="IoU").wait_for()
+        page.locator("#solving", has_text="full solve").wait_for(timeout=PATIENCE_MS)
+        page.locator("#strip [data-frame='16'] .badge", has_text="drawn 0.9").wait_for(timeout=PATIENCE_MS)
         page.locator("#room[data-drawn]").wait_for()
         # the room proposes the next frame: its window is corrected, the rest confirmed
         stage.open("000012.jpg")
@@ -157,6 +134,8 @@ def test_a_room_is_drawn_from_nothing(
         corner = page.evaluate("[...document.querySelectorAll('.handles circle')].at(-1).getAttribute('cx')")
         down = page.evaluate("[...document.querySelectorAll('.handles circle')].at(-1).getAttribute('cy')")
         start = [float(corner), float(down)]
+        rings = page.locator(".drafts .selected .area").get_attribute("d") or ""
+        as_proposed = [list(map(float, corner.split())) for corner in rings.strip("MZ").split("L")]
         stage.press("n")  # without snapping, so that it lands where it is let go
         stage.drag(start, [start[0] - 12, start[1] + 9])
         assert proposed.count() == count - 1
@@ -175,16 +154,21 @@ def test_a_room_is_drawn_from_nothing(
         stage.saved()
         confirmed = entry_of(undrawn, "000012.jpg")["elements"]
         assert len(confirmed) == count
-        assert start in next(one for one in confirmed if one["label"] == "window")["polygons"][0]
+        again = next(one for one in confirmed if one["label"] == "window")
+        assert iou(again["polygons"][0], window["polygons"][0]) < iou(again["polygons"][0], as_proposed)
+        assert iou(again["polygons"][0], as_proposed) > 0.97
+        ask = Client(address)
+
+        def solved() -> dict[str, Any]:
+            return ask("GET", "state").json["solved"]
+
+        until(lambda: solved()["full"] and "12" in solved()["ious"], PATIENCE_MS / 1000)
+        assert solved()["iou"] >= 0.97
     assert problems == []
-    solution = solve(load(undrawn))
-    assert solution.quality.iou >= 0.97
-    assert len(solution.scene.key_frames) == 3
+    assert [key_frame.frame for key_frame in load_solved(undrawn)[0].key_frames] == [8, 12, 16]
 
 
-def test_keys_alone_suffice(
-    page: Page, stage: Stage, problems: list[str], undrawn: Path, solved_room: Solution
-) -> None:
+def test_keys_alone_suffice(page: Page, stage: Stage, problems: list[str], undrawn: Path, two_drawn: Solution) -> None:
     def arrows(right: int, down: int) -> None:
         """In steps of ten."""
         for key, times in (("Right" if right > 0 else "Left", abs(right)), ("Down" if down > 0 else "Up", abs(down))):
@@ -194,7 +178,7 @@ def test_keys_alone_suffice(
         stage.saved()
         return next(iter(read_json(undrawn / "annotations.json")["frames"]), None)
 
-    with annotate_server(undrawn, assistant_of(SolvedSession(solved_room))) as address:
+    with annotate_server(undrawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
         stage.open("000003.jpg")
         stage.press("3")
@@ -245,9 +229,9 @@ def test_keys_alone_suffice(
 
 
 def test_shapes_are_split_painted_and_marked(
-    page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution
+    page: Page, stage: Stage, problems: list[str], drawn: Path, two_drawn: Solution
 ) -> None:
-    with annotate_server(drawn, assistant_of(SolvedSession(solved_room))) as address:
+    with annotate_server(drawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
         stage.open("000016.jpg")
         before = {one["id"]: one for one in entry_of(drawn, "000016.jpg")["elements"]}
@@ -308,10 +292,10 @@ def test_shapes_are_split_painted_and_marked(
 
 
 def test_fingers_pinch_and_a_pen_draws(
-    page: Page, stage: Stage, problems: list[str], undrawn: Path, solved_room: Solution
+    page: Page, stage: Stage, problems: list[str], undrawn: Path, two_drawn: Solution
 ) -> None:
     page.set_viewport_size({"width": 820, "height": 1180})
-    with annotate_server(undrawn, assistant_of(SolvedSession(solved_room))) as address:
+    with annotate_server(undrawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
         stage.open("000003.jpg")
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
@@ -347,7 +331,7 @@ def test_fingers_pinch_and_a_pen_draws(
 
 
 def test_two_windows_notice_each_other_and_nothing_is_lost(
-    page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution
+    page: Page, stage: Stage, problems: list[str], drawn: Path, two_drawn: Solution
 ) -> None:
     def ids() -> list[str]:
         return [one["id"] for one in entry_of(drawn, "000008.jpg")["elements"]]
@@ -356,7 +340,7 @@ def test_two_windows_notice_each_other_and_nothing_is_lost(
         window.locator("#elements button", has_text=name).click()
         Stage(window).press("Delete")
 
-    with annotate_server(drawn, assistant_of(SolvedSession(solved_room))) as address:
+    with annotate_server(drawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
         other = page.context.new_page()
         open_page(other, address)
@@ -398,15 +382,20 @@ def test_two_windows_notice_each_other_and_nothing_is_lost(
 
 
 def test_snapping_of_a_proposal_is_taken_back_with_one_key(
-    page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution
+    page: Page,
+    stage: Stage,
+    problems: list[str],
+    drawn: Path,
+    two_drawn: Solution,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def corners() -> list[Px]:
         """Of the proposed outline, which is selected."""
         handles = page.locator(".handles circle:not(.new)")
         return handles.evaluate_all("all => all.map((one) => [+one.getAttribute('cx'), +one.getAttribute('cy')])")
 
-    assistant = replace(assistant_of(SolvedSession(solved_room)), propose=lambda _solution, _frame, _image: OneWall())
-    with annotate_server(drawn, assistant) as address:
+    monkeypatch.setattr(Proposer, "propose", one_wall)
+    with annotate_server(drawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
         page.locator("#solving", has_text="IoU").wait_for()
         stage.open("000012.jpg")
@@ -419,7 +408,8 @@ def test_snapping_of_a_proposal_is_taken_back_with_one_key(
         stage.saved()
         confirmed = entry_of(drawn, "000012.jpg")
         outline = [[100, 100], [200, 100], [200, 300], [100, 300]]
-        assert confirmed["elements"] == [{"id": "wall_0", "label": "wall", "polygons": [outline], "visible": []}]
+        (wall,) = confirmed["elements"]
+        assert (wall["id"], wall["label"], wall["polygons"]) == ("wall_0", "wall", [outline])
         assert confirmed["occlusion_edges"] == [[[100, 300], [100, 100]]]  # it goes along with the side
         stage.press("z")
         page.locator("#elements .draft button").click()
@@ -437,11 +427,11 @@ def test_snapping_of_a_proposal_is_taken_back_with_one_key(
 
 
 def test_an_answer_from_before_a_save_is_no_change_by_others(
-    page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution
+    page: Page, stage: Stage, problems: list[str], drawn: Path, two_drawn: Solution
 ) -> None:
-    with annotate_server(drawn, assistant_of(SolvedSession(solved_room))) as address:
+    with annotate_server(drawn, SolvedSession(two_drawn)) as address:
         open_page(page, address)
-        count = page.locator("#elements button").count()
+        count = page.locator("#elements .shape").count()
         late: list[Route] = []
 
         def hold(route: Route) -> None:
@@ -457,18 +447,25 @@ def test_an_answer_from_before_a_save_is_no_change_by_others(
             if late:
                 break
         answer = late[0].fetch()  # of now; it arrives after the element is gone
-        page.locator("#elements button").first.click()
+        page.locator("#elements .shape button").first.click()
         stage.press("Delete")
         stage.saved()
         late[0].fulfill(response=answer)
         page.wait_for_timeout(800)
         expect(page.locator("#hint")).not_to_contain_text("another window")
         stage.press("z", "y")
-        expect(page.locator("#elements button")).to_have_count(count - 1)
+        expect(page.locator("#elements .shape")).to_have_count(count - 1)
     assert problems == []
 
 
-def test_names_stay_text(page: Page, stage: Stage, problems: list[str], drawn: Path, solved_room: Solution) -> None:
+def test_names_stay_text(
+    page: Page,
+    stage: Stage,
+    problems: list[str],
+    drawn: Path,
+    two_drawn: Solution,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     evil = "<img src=x onerror=alert(1)>"
     (drawn / "images/000008.jpg").rename(drawn / f"images/{evil}.jpg")
     for file in ("transforms.json", "annotations.json"):
@@ -476,22 +473,28 @@ def test_names_stay_text(page: Page, stage: Stage, problems: list[str], drawn: P
         (drawn / file).write_text(text)
     data = read_json(drawn / "annotations.json")
     data["frames"][0]["elements"][0].update(id=f'"><script>alert(2)</script>{evil}', label=f"wall{evil}")
+    data["frames"][0]["elements"][1]["id"] = name = f"<script>alert(3)</script>{evil}"
     write_json_atomic(drawn / "annotations.json", data)
     names = [key_frame["image"] for key_frame in data["frames"]]
     assert names == [f"{evil}.jpg", "000016.jpg"]
-    wrong = Marked(
-        f"{evil}.jpg", data["frames"][0]["elements"][0]["id"], f"gap {evil}", expected_px=np.array([[5.0, 5], [9, 9]])
-    )
-    session = SolvedSession(solved_room)
-    with annotate_server(drawn, assistant_of(session, [wrong])) as address:
+    where, expected = np.array([[10.0, 10.0], [60.0, 60.0]]), np.array([[5.0, 5.0], [9.0, 9.0]])
+    wrong = Finding(0, f"{evil}.jpg", name, 0, "edge", f"gap {evil}", 9.0, where, expected)
+    monkeypatch.setattr("gtlayout.annotate.solver.review", lambda _solution: (wrong,))
+    renamed = replace(two_drawn, scene=replace(two_drawn.scene, frames=load(drawn).frames))
+    with annotate_server(drawn, SolvedSession(renamed)) as address:
         open_page(page, address)
         page.locator("#findings button", has_text="gap").click()
         expect(page.locator("#elements [aria-pressed=true]")).to_contain_text("<script>")
         expect(page.locator("#hint")).to_have_text(f"gap {evil}")
         expect(page.locator(".findings path")).to_have_count(2)
+        expect(page.locator("#strip [aria-current] .count")).to_have_text("1 !")
         assert page.locator(f'#strip [title*="{evil}"], #strip span').count() > 0
         assert page.evaluate("document.querySelectorAll('img[src=x], script:not([src])').length") == 0
         stage.press("Delete")
         stage.saved()
+        # what is gone is no longer marked
+        expect(page.locator(".findings path")).to_have_count(0)
+        expect(page.locator("#findings button")).to_contain_text("drawn anew since")
+        expect(page.locator("#strip [aria-current] .count")).to_be_empty()
         assert len(entry_of(drawn, f"{evil}.jpg")["elements"]) == len(data["frames"][0]["elements"]) - 1
     assert problems == []

@@ -69,7 +69,8 @@ def advice(solution: Solution, next_frames: Sequence[int], *, thorough: bool = T
             Advice(f"{names[i]} {_how_uncertain(solution, i)}: one more frame that shows it would help.", shown)
         )
     if len(weak) > NAMED:
-        found.append(Advice(f"{len(weak) - NAMED} more planes are uncertain."))
+        more = len(weak) - NAMED
+        found.append(Advice(f"{more} more planes are uncertain." if more > 1 else "1 more plane is uncertain."))
     if not weak:
         found.append(Advice("The planes are certain; look at the frames and elements named above.", following))
     return tuple(found)

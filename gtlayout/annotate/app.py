@@ -17,7 +17,6 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Mount, Route
 
-from gtlayout.annotate.assistant import Assistant, Proposal
 from gtlayout.annotate.entries import Entry, digest
 from gtlayout.annotate.shapes import halves, painted, region_of, rings_px
 from gtlayout.annotate.solver import Solver
@@ -27,7 +26,7 @@ from gtlayout.annotate.wire import proposal_json, room_json, state_json
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.images import encoded, read_rgb
-from gtlayout.scene import LABELS, OPENINGS, Element, ImageArray, Scene
+from gtlayout.scene import LABELS, OPENINGS, Element, ImageArray, KeyFrame, Scene
 from gtlayout.tracking.config import TrackingConfig
 
 MAX_BODY = 1 << 23
@@ -42,11 +41,10 @@ TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".s
 class Pages:
     """The answers, for one scene."""
 
-    def __init__(self, scene: Scene, store: Store, solver: Solver, assistant: Assistant) -> None:
-        self.scene, self.store, self.solver, self.assistant = scene, store, solver, assistant
+    def __init__(self, scene: Scene, store: Store, solver: Solver) -> None:
+        self.scene, self.store, self.solver = scene, store, solver
         self._bgr = lru_cache(KEPT_IMAGES)(self._read_bgr)
         self._thumbnail = lru_cache(None)(self._shrunk)
-        self._proposed = lru_cache(KEPT_IMAGES)(self._proposal)
         self._solved_from = store.read()
 
     def about(self, _request: Request) -> Response:
@@ -68,6 +66,7 @@ class Pages:
 
     def state(self, _request: Request) -> Response:
         """What is drawn where, and what the solver does; a change of the file by others is noticed here."""
+        key_frames: tuple[KeyFrame, ...] | None = None
         file: dict[str, Any] = {"problem": "", "digests": {}, "drafts": [], "warnings": [], "unusable": {}}
         try:
             drawn = self.store.read()
@@ -78,9 +77,10 @@ class Pages:
             if self._solved_from is not drawn:
                 self._solved_from = drawn
                 self.solver.changed()
+            key_frames, _ = self.store.key_frames()
         except GtlayoutError as error:
             file["problem"] = str(error)
-        return JSONResponse({"file": file, **state_json(self.solver.state)})
+        return JSONResponse({"file": file, **state_json(self.solver.state, key_frames)})
 
     def image(self, request: Request) -> Response:
         """A frame as JPEG, as its camera sees it."""
@@ -116,7 +116,7 @@ class Pages:
         """What a frame may show and is not drawn in it: from the solved room, or else from the file's drafts."""
         frame, solved = self._frame(request), self.solver.state.solved
         if solved is not None:
-            proposal = self._answered(lambda: self._proposed(frame, solved.number))
+            proposal = self._answered(lambda: solved.propose(frame, lambda: self._bgr(frame)))
             return JSONResponse(proposal_json(proposal, self._drawn(frame)))
         return JSONResponse(self._answered(lambda: self._draft(frame)))
 
@@ -146,12 +146,6 @@ class Pages:
             return {"polygons": rings_px(painted(region, stroke, float(body["radius"]), within, erase=erase))}
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise GtlayoutError(f"that is no shape: {type(error).__name__}: {error}") from error
-
-    def _proposal(self, frame: int, _number: int) -> Proposal:
-        """Kept for each number of a solution."""
-        solved = self.solver.state.solved
-        assert solved is not None
-        return self.assistant.propose(solved.solution, frame, self._bgr(frame))
 
     def _draft(self, frame: int) -> dict[str, Any]:
         draft = self.store.drafts().get(frame) if not self._drawn(frame) else None

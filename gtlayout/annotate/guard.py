@@ -53,7 +53,7 @@ class Guard:
             return PlainTextResponse("This server answers only to its own address.", 403)
         if origin != f"http://{host}" and (origin is not None or scope["method"] not in ("GET", "HEAD")):
             return PlainTextResponse("This server answers only to its own page.", 403)
-        given = scope["path"].split("/")[1].encode()
+        given = scope["path"].removeprefix("/").partition("/")[0].encode()  # OPTIONS may ask for ``*``
         if not secrets.compare_digest(given, self._token.encode()):
             return PlainTextResponse("Open the whole address that gtlayout annotate printed.", 404)
         return None

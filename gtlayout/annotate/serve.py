@@ -13,28 +13,27 @@ from pathlib import Path
 import uvicorn
 
 from gtlayout.annotate.app import Pages, build_app
-from gtlayout.annotate.assistant import Assistant
 from gtlayout.annotate.guard import LOOPBACK, Guard
 from gtlayout.annotate.scene import open_scene
 from gtlayout.annotate.solver import Solver
 from gtlayout.annotate.store import Store
 from gtlayout.errors import GtlayoutError
 from gtlayout.results.names import FOLDER
+from gtlayout.scene import Scene
+from gtlayout.session.session import Session
 
 END_S = 2
 """Requests that have begun may take so long at the end."""
 
 
-def annotate(
-    root: Path, assistant: Assistant, port: int, announce: Callable[[str], None], cameras: Path | None = None
-) -> None:
+def annotate(root: Path, port: int, announce: Callable[[str], None], cameras: Path | None = None) -> None:
     """Serve the page for a scene folder; ``announce`` is called with its address. Call it from the main thread.
 
     Drawings go to ``annotations.json``, results of full solves to ``gtlayout`` in the folder. ``port`` 0 takes any free
     one. Raises GtlayoutError when the scene cannot be annotated, or the port is taken.
     """
     with _listening(port) as listening:
-        address, server, solver = prepared(root, assistant, listening, cameras)
+        address, server, solver = prepared(root, listening, cameras)
         # uvicorn ends at both signals, and then raises them again for those who were there before it.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
         try:
@@ -52,7 +51,10 @@ def annotate(
 
 
 def prepared(
-    root: Path, assistant: Assistant, listening: socket.socket, cameras: Path | None = None
+    root: Path,
+    listening: socket.socket,
+    cameras: Path | None = None,
+    session: Callable[[Scene], Session] = Session,
 ) -> tuple[str, uvicorn.Server, Solver]:
     """The address of the page for a scene folder, the server, which is to run on a socket of the loopback, its solver.
 
@@ -61,9 +63,9 @@ def prepared(
     scene = open_scene(root, cameras)
     store = Store(root, scene.frames)
     store.read()
-    solver = Solver(scene, assistant, store.key_frames, root / FOLDER)
+    solver = Solver(scene, session(scene), store.key_frames, root / FOLDER)
     port, token = listening.getsockname()[1], secrets.token_urlsafe(16)
-    app = Guard(build_app(Pages(scene, store, solver, assistant), token), port, token)
+    app = Guard(build_app(Pages(scene, store, solver), token), port, token)
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
     )

@@ -7,15 +7,22 @@ import threading
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 from gtlayout.annotate.advice import Advice, advice, before_a_room
-from gtlayout.annotate.assistant import Assistant, Finding, Session
+from gtlayout.annotate.visible import off_plane_px, with_visible
 from gtlayout.api import save
 from gtlayout.errors import GtlayoutError, one_line
-from gtlayout.scene import KeyFrame, Scene
+from gtlayout.proposals.config import ProposalConfig
+from gtlayout.proposals.order import next_frames
+from gtlayout.proposals.proposal import Proposal
+from gtlayout.proposals.propose import Proposer
+from gtlayout.review.findings import Finding
+from gtlayout.review.review import review
+from gtlayout.scene import ImageArray, KeyFrame, Scene
+from gtlayout.session.session import Session
 from gtlayout.solution import Solution
 
 Work = Literal["quick", "full"]
@@ -44,7 +51,24 @@ class Solved:
     """Whether it is of the full solve; its results are then in the scene's results folder."""
     seconds: float
     findings: tuple[Finding, ...]
-    """Of the last full solve."""
+    """Of the last full solve, worst first."""
+    reviewed: tuple[KeyFrame, ...]
+    """The drawings that they are of."""
+    proposer: Proposer
+    _proposals: dict[int, Proposal] = field(default_factory=dict)
+    """Those that were asked for, by frame."""
+
+    def propose(self, frame: int, image: Callable[[], ImageArray]) -> Proposal:
+        """What would be drawn in a frame, index into the scene's, whose (H, W, 3) BGR pixels ``image`` gives.
+
+        Visible parts are proposed when some are drawn in other frames: without, whole elements are tracked in all.
+        """
+        if frame not in self._proposals:
+            bgr, key_frames = image(), self.solution.scene.key_frames
+            drawn = any(not element.visible.is_empty for one in key_frames for element in one.elements)
+            off_px = off_plane_px(self.solution, frame)
+            self._proposals[frame] = with_visible(self.proposer.propose(frame, bgr), bgr if drawn else None, off_px)
+        return self._proposals[frame]
 
 
 @dataclass(frozen=True)
@@ -68,10 +92,9 @@ class Solver:
     what the next quick one goes on from, and is not shown.
     """
 
-    def __init__(self, scene: Scene, assistant: Assistant, drawings: Drawings, results: Path) -> None:
+    def __init__(self, scene: Scene, session: Session, drawings: Drawings, results: Path) -> None:
         self._state = State()
-        self._scene, self._assistant, self._drawings, self._results = scene, assistant, drawings, results
-        self._session: Session = assistant.session(scene)
+        self._scene, self._session, self._drawings, self._results = scene, session, drawings, results
         self._change = threading.Condition()
         self._closed = False
         self._saving = threading.Lock()
@@ -143,7 +166,7 @@ class Solver:
     def _solve(self, *, full: bool) -> None:
         """Solve the drawings as they are now."""
         key_frames, warnings = self._drawings()
-        following = tuple(self._assistant.next_frames(replace(self._scene, key_frames=key_frames), SUGGESTED))
+        following = next_frames(replace(self._scene, key_frames=key_frames), SUGGESTED)
         self._update(warnings=warnings, next_frames=following)
         last = self.state.solved
         if last is None or not key_frames:
@@ -158,8 +181,13 @@ class Solver:
             self._again()
             if last is not None:
                 return
-        findings = tuple(self._assistant.review(solution)) if full else last.findings if last else ()
-        solved = Solved(last.number + 1 if last else 1, solution, full, seconds, findings)
+        number = last.number + 1 if last else 1
+        if full or last is None:
+            findings, reviewed = review(solution), key_frames
+        else:
+            findings, reviewed = last.findings, last.reviewed
+        proposer = Proposer(solution, ProposalConfig())
+        solved = Solved(number, solution, full, seconds, findings, reviewed, proposer)
         if full and not outdated:
             self._save(solution)
         enough = len(key_frames) >= LEAST_FRAMES

@@ -58,16 +58,17 @@ class Store:
     def __init__(self, root: Path, frames: Sequence[Frame]) -> None:
         self.path = root / NATIVE_FILE
         self._frames = frames
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._read: tuple[tuple[int, int, int], Drawn] | None = None
         self._solvable: tuple[Drawn, tuple[tuple[KeyFrame, ...], tuple[str, ...]]] | None = None
 
     def read(self) -> Drawn:
         """What the file holds. Raises GtlayoutError when it cannot be read."""
-        stamp = self._stamp()
-        if self._read is None or self._read[0] != stamp:
-            self._read = stamp, self._parsed()
-        return self._read[1]
+        with self._lock:
+            stamp = self._stamp()
+            if self._read is None or self._read[0] != stamp:
+                self._read = stamp, self._parsed()
+            return self._read[1]
 
     def save(self, frame: int, entry: object, base: str) -> str:
         """Write what is drawn in a frame, if it is still what it was when the page got it. Returns its new digest.
@@ -106,10 +107,11 @@ class Store:
 
         Raises GtlayoutError when it cannot be read.
         """
-        drawn = self.read()
-        if self._solvable is None or self._solvable[0] is not drawn:
-            self._solvable = drawn, self._key_frames(drawn)
-        return self._solvable[1]
+        with self._lock:
+            drawn = self.read()
+            if self._solvable is None or self._solvable[0] is not drawn:
+                self._solvable = drawn, self._key_frames(drawn)
+            return self._solvable[1]
 
     def _key_frames(self, drawn: Drawn) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
         if not any(isinstance(entry, dict) and entry.get("elements") for entry in drawn.data["frames"]):

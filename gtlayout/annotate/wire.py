@@ -10,14 +10,16 @@ import shapely
 from shapely import MultiPolygon
 
 from gtlayout.annotate.advice import Advice, position_sigma
-from gtlayout.annotate.assistant import Finding, Proposal, ProposedElement
+from gtlayout.annotate.outdated import is_outdated
 from gtlayout.annotate.shapes import DECIMALS, rings_px
 from gtlayout.annotate.solver import LEAST_FRAMES, Solved, State
 from gtlayout.colors import sigma_full
 from gtlayout.geometry.depth import median_depth
+from gtlayout.proposals.proposal import Proposal, ProposedElement
 from gtlayout.report.plain import finite
 from gtlayout.report.room_view import room_view
-from gtlayout.scene import OPENINGS, Element, FloatArray
+from gtlayout.review.findings import Finding
+from gtlayout.scene import OPENINGS, Element, FloatArray, KeyFrame
 
 SAME_SHARE = 0.5
 """A proposed element is drawn already when so much of it lies on drawn ones of its kind."""
@@ -26,8 +28,8 @@ SAME_PX = 0.02
 """Corners are rounded to half of that."""
 
 
-def state_json(state: State) -> dict[str, Any]:
-    """What the solver does, without the room itself."""
+def state_json(state: State, drawn: Sequence[KeyFrame] | None) -> dict[str, Any]:
+    """What the solver does, without the room itself. ``drawn`` is what the file holds now; None when it is damaged."""
     solved = state.solved
     return {
         "at_work": state.at_work,
@@ -36,7 +38,7 @@ def state_json(state: State) -> dict[str, Any]:
         "advice": [_advice(one) for one in state.advice],
         "next_frames": list(state.next_frames),
         "solved": None if solved is None else _summary(solved),
-        "findings": [] if solved is None else [_finding(one) for one in solved.findings],
+        "findings": [] if solved is None else _findings(solved, drawn),
     }
 
 
@@ -79,6 +81,21 @@ def _summary(solved: Solved) -> dict[str, Any]:
 
 def _advice(one: Advice) -> dict[str, Any]:
     return {"text": one.text, "frame": one.frame, "enough": one.enough}
+
+
+def _findings(solved: Solved, drawn: Sequence[KeyFrame] | None) -> list[dict[str, Any]]:
+    frames = solved.solution.scene.frames
+    before, now = (
+        {frames[one.frame].name: one for one in key_frames}
+        for key_frames in (solved.reviewed, solved.reviewed if drawn is None else drawn)
+    )
+    return [
+        {
+            **_finding(one),
+            "outdated": is_outdated(one, before.get(one.frame_name), now.get(one.frame_name)),
+        }
+        for one in solved.findings
+    ]
 
 
 def _finding(one: Finding) -> dict[str, Any]:

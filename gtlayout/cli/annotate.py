@@ -8,7 +8,6 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.annotate.assistant import plain
 from gtlayout.annotate.serve import annotate as serve
 from gtlayout.cli.console import stdout
 
@@ -34,4 +33,4 @@ def annotate(
     port
         The port to serve the page on; any free one when not given.
     """
-    serve(scene_dir, plain(), port, lambda address: stdout().print(f"{address}  (Ctrl-C stops)"), cameras)
+    serve(scene_dir, port, lambda address: stdout().print(f"{address}  (Ctrl-C stops)"), cameras)

@@ -11,7 +11,7 @@ const SNAP_EDGE = 6;
 export class Editor {
   /** @param app has drawing, drafts, proposal, frame, stage, redraw(), say(text) */
   constructor(app) {
-    Object.assign(this, { app, tool: "select", label: "wall", selected: null, pen: [], cursor: null, snapping: true, brush: 20, held: null });
+    Object.assign(this, { app, tool: "select", label: "wall", selected: null, pen: [], cursor: null, isPointed: false, snapping: true, brush: 20, held: null });
   }
 
   get entry() {
@@ -75,6 +75,7 @@ export class Editor {
   // Pointers
 
   hover(point) {
+    this.isPointed = true; // the cross is not that of the keyboard
     if (this.tool === "select") {
       if (this.cursor) {
         this.cursor = null; // that of the keyboard

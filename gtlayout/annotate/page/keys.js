@@ -42,6 +42,7 @@ export function listen(app, editor, entries) {
       return app.redraw();
     }
     const [x, y] = editor.cursor ?? stage.size.map((side) => Math.round(side / 2));
+    editor.isPointed = false;
     editor.cursor = stage.inside([x + by * dx, y + by * dy]);
     app.say(`${editor.cursor.map(Math.round).join(", ")} px`);
     return app.redraw();

@@ -150,7 +150,8 @@ class App {
     } catch (problem) {
       byId("solving").textContent = problem.message;
     }
-    setTimeout(() => this.poll(), busy ? POLL_MS.busy : POLL_MS.idle);
+    await new Promise((resolve) => { this.wake = resolve; setTimeout(resolve, busy ? POLL_MS.busy : POLL_MS.idle); });
+    this.poll();
   }
 
   async tried(action) {
@@ -187,7 +188,10 @@ class App {
       panels.showBanner(`${name} was changed in another window or program while you drew. Undo brings back the one that you do not choose. `, [["Keep mine", settle(true)], ["Take theirs", settle(false)]]);
     } else if (what === "failed") {
       panels.showBanner(`${name} is not saved: ${text} `, [["Try again", () => this.drawing.save()]]);
-    } else if (what === "saved") panels.showBanner("");
+    } else if (what === "saved") {
+      panels.showBanner("");
+      this.wake?.(); // what follows from it is shown as soon as it is known
+    }
   }
 
   // What is shown
@@ -238,9 +242,9 @@ class App {
 
   redraw() {
     const { editor } = this;
-    const findings = (this.state?.findings ?? []).filter((one) => one.frame === this.about.frames[this.frame].name);
+    const findings = (this.state?.findings ?? []).filter((one) => one.frame === this.about.frames[this.frame].name && !one.outdated);
     const isBrush = editor.tool === "paint" || editor.tool === "erase";
-    this.stage.draw({ entry: editor.entry, drafts: this.drafts, proposal: this.proposal, findings, selected: editor.selected, pen: editor.pen, tool: editor.tool, cursor: editor.cursor, brush: isBrush ? editor.brush : 0 });
+    this.stage.draw({ entry: editor.entry, drafts: this.drafts, proposal: this.proposal, findings, selected: editor.selected, pen: editor.pen, tool: editor.tool, cursor: editor.tool === "select" && editor.isPointed ? null : editor.cursor, brush: isBrush ? editor.brush : 0 });
     panels.showElements(editor.entry, this.drafts, editor.selected, this.colors, (one) => { editor.select(one); this.stage.svg.focus(); });
     byId("draft-count").textContent = this.drafts.length ? `${this.drafts.length} proposed` : "nothing proposed";
     for (const button of byId("draft-bar").querySelectorAll("button")) button.disabled = this.drafts.length === 0;
@@ -261,7 +265,7 @@ class App {
     if (why) panels.showBanner(`${why} Nothing is saved until it is repaired; what you draw stays in this window. `, [["Try again", () => this.drawing.save()]]);
     else if (this.drawing.isSaved) panels.showBanner("");
     if (this.isSaved && !why) panels.setText(byId("saved"), "saved");
-    const found = state.findings.map((one) => one.message).join("\n");
+    const found = state.findings.map((one) => `${one.outdated} ${one.frame} ${one.message}`).join("\n");
     if (found !== this.foundBefore) {
       this.foundBefore = found;
       this.redraw();

@@ -29,7 +29,7 @@ export function buildStrip(about, go) {
   byId("strip").replaceChildren(
     ...about.frames.map((frame, k) => {
       const image = node("img", { src: `frames/${k}/thumbnail`, alt: "", loading: "lazy", width: 96, height: Math.round((96 * frame.height) / frame.width) });
-      const button = node("button", { type: "button", onclick: () => go(k) }, image, node("span", { className: "name", textContent: frame.name }), node("span", { className: "badge" }));
+      const button = node("button", { type: "button", onclick: () => go(k) }, image, node("span", { className: "name", textContent: frame.name }), node("span", { className: "badge" }), node("span", { className: "count" }));
       button.dataset.frame = k;
       return node("li", {}, button);
     }),
@@ -40,11 +40,12 @@ export function showStrip(about, state, current) {
   const ious = state.solved?.ious ?? {};
   for (const button of byId("strip").querySelectorAll("button")) {
     const k = Number(button.dataset.frame);
-    const found = state.findings.filter((one) => one.frame === about.frames[k].name).length;
+    const found = state.findings.filter((one) => one.frame === about.frames[k].name && !one.outdated).length;
     const drawn = k in state.file.digests;
     const word = k in state.file.unusable ? "damaged" : drawn ? "drawn" : state.file.drafts.includes(k) ? "drafted" : state.next_frames.includes(k) ? "suggested" : "";
     const iou = drawn && ious[k] != null ? ` ${ious[k].toFixed(2)}` : "";
-    setText(button.querySelector(".badge"), word + iou + (found ? ` · ${found} !` : ""));
+    setText(button.querySelector(".badge"), word + iou);
+    setText(button.querySelector(".count"), found ? `${found} !` : "");
     button.title = `${about.frames[k].name} ${word}${iou}${found ? `, ${found} to be looked at` : ""}`;
     button.dataset.is = word;
     if (k === current) button.setAttribute("aria-current", "true");
@@ -81,7 +82,10 @@ export function showElements(entry, drafts, selected, colors, select) {
 export function showFindings(state, goTo) {
   byId("findings-section").hidden = state.findings.length === 0;
   fill("findings", state.findings, () =>
-    state.findings.map((one) => node("li", {}, node("button", { type: "button", textContent: `${one.frame}: ${one.message}`, onclick: () => goTo(one) }))));
+    state.findings.map((one) => {
+      const textContent = `${one.outdated ? "drawn anew since: " : ""}${one.frame}: ${one.message}`;
+      return node("li", {}, node("button", { type: "button", className: one.outdated ? "soft" : "", textContent, onclick: () => goTo(one) }));
+    }));
 }
 
 export function showSolving(state) {
