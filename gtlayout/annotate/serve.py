@@ -11,14 +11,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import uvicorn
+from starlette.responses import PlainTextResponse
 
-from gtlayout.annotate.app import Pages, build_app
+from gtlayout.annotate.app import MAX_BODY, Pages, build_app
 from gtlayout.annotate.assistant import Assistant
-from gtlayout.annotate.guard import LOOPBACK, Guard
 from gtlayout.annotate.scene import open_scene
 from gtlayout.annotate.solver import Solver
 from gtlayout.annotate.store import Store
 from gtlayout.errors import GtlayoutError
+from gtlayout.guard import LOOPBACK, PAGE_HEADERS, Admission, Guard
 from gtlayout.results.names import FOLDER
 
 END_S = 2
@@ -63,7 +64,12 @@ def prepared(
     store.read()
     solver = Solver(scene, assistant, store.key_frames, root / FOLDER)
     port, token = listening.getsockname()[1], secrets.token_urlsafe(16)
-    app = Guard(build_app(Pages(scene, store, solver, assistant), token), port, token)
+    hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
+    app = Guard(
+        build_app(Pages(scene, store, solver, assistant), token),
+        Admission(MAX_BODY, hosts, token, headers=PAGE_HEADERS),
+        lambda status, why: PlainTextResponse(why, status),
+    )
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
     )
