@@ -10,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from gtlayout.api import load
-from gtlayout.cli.console import FROM_THE_FOLDER, Positive, Sources, print_warnings, progress_bars, stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, Positive, Sources, print_notes, print_warnings, progress_bars, stdout
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text
 from gtlayout.io.pixels.images import read_rgb
@@ -82,12 +82,14 @@ def propose(
             "file": str(path),
             "frames": [_as_json(proposal, solution.scene) for proposal in proposals],
             "warnings": [*problems, *solution.scene.warnings],
+            "notes": solution.scene.notes,
         }
         console.print(json_text(data), end="")
         return
     for proposal in proposals:
         console.print(_line(proposal, solution.scene))
     print_warnings(console, [*problems, *solution.scene.warnings], verbose=False)
+    print_notes(console, solution.scene.notes)
     console.print(f"Proposals: {path}")
 
 

@@ -64,7 +64,7 @@ def write_proposals(
             index = draft.key_frame.frame
             shown[index], on_image = on_shown_image(draft, frames[index])
             key_frames.append(on_image.key_frame)
-        write_cvat(path, shown, key_frames)
+        write_cvat(path, shown, key_frames, proposed=True)
         return path
     source = annotation_source(root, annotations)
     if source is not None and source.reader is native.READER and archive_of(source.path) is None:
