@@ -15,10 +15,10 @@ from tools_env import run_tool
 
 from gtlayout.guard import Admission, Credentials, Guard
 from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.label_studio.control_tags import control_tags
 from gtlayout.io.annotations.label_studio.reader import read_label_studio
 from gtlayout.io.annotations.labeling import label_config
 from gtlayout.io.annotations.labels import label_meanings
-from gtlayout.serve.control_tags import control_tags
 from gtlayout.serve.label_studio import MAX_BODY, backend, problem
 from gtlayout.serve.predictions import predictions
 from gtlayout.serve.solved_room import Found, SolvedRoom

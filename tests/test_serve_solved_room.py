@@ -12,12 +12,12 @@ from serving import SIZE
 from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.io.annotations.outlines import View
+from gtlayout.io.annotations.tool_shapes import tool_shapes
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.pixels.turn import TURNS
 from gtlayout.proposals.proposal import Proposal, ProposedElement
 from gtlayout.scene import Camera, Element, Frame, Label, VideoOrigin
-from gtlayout.serve.shapes import score_of, tool_shapes
 from gtlayout.serve.solved_room import Found, SolvedRoom, version_of
 
 LENS = Undistortion("SIMPLE_RADIAL", 120, 100, (110.0, 58.0, 51.5, -0.1))
@@ -144,7 +144,7 @@ def test_openings_lie_above_their_walls_and_nothing_covers_visible_parts_and_edg
         (np.array([[0.0, 0.0], [50.0, 60.0]]),),
         NOTHING,
     )
-    shapes = tool_shapes(proposal, View.of("a.png", _frame(), (320, 240)))
+    shapes = tool_shapes(proposal.draft(), View.of("a.png", _frame(), (320, 240)))
     about = [(shape.name, shape.kind, shape.label, shape.text, shape.score) for shape in shapes]
     assert about == [
         ("wall_0-0", "polygon", "wall", ("id", "wall_0"), 0.9),
@@ -161,13 +161,13 @@ def test_openings_lie_above_their_walls_and_nothing_covers_visible_parts_and_edg
 def test_points_stay_within_the_image() -> None:
     beyond = MultiPolygon([box(-1e-9, -1e-9, 160 + 1e-9, 120 + 1e-9)])
     proposal = Proposal(0, (_proposed("wall_0", "wall", beyond, NOTHING, 1.0),), (), NOTHING)
-    (shape,) = tool_shapes(proposal, View.of("a.png", _frame(), None))
+    (shape,) = tool_shapes(proposal.draft(), View.of("a.png", _frame(), None))
     assert shape.points_px.min() == 0
     assert shape.points_px.max(axis=0).tolist() == [160, 120]
 
 
 def test_nothing_has_no_score() -> None:
-    assert score_of(Proposal(0, (), (), NOTHING)) == 0
+    assert Proposal(0, (), (), NOTHING).draft().score == 0
 
 
 def _found(served_room: SolvedRoom, image: str) -> Found:

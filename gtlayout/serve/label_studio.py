@@ -18,9 +18,10 @@ from starlette.responses import JSONResponse
 from starlette.routing import Route
 
 from gtlayout.errors import GtlayoutError, one_line
+from gtlayout.io.annotations.label_studio.control_tags import control_tags
+from gtlayout.io.annotations.label_studio.predictions import nothing
 from gtlayout.io.annotations.labels import Kind, label_meanings
-from gtlayout.serve.control_tags import control_tags
-from gtlayout.serve.predictions import nothing, predictions
+from gtlayout.serve.predictions import predictions
 from gtlayout.serve.solving import BackgroundSolves
 from gtlayout.version import __version__
 
