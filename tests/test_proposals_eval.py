@@ -13,6 +13,7 @@ from shapely import affinity
 from solved_rooms import NARROW, SEEN, WIDE, solved
 
 import proposals
+from common.compared import compare
 from common.metrics import read_rows
 from gtlayout.geometry.polygons import polygons
 from gtlayout.proposals.propose import propose
@@ -36,7 +37,7 @@ def test_a_proposal_is_compared_with_the_drawing() -> None:
     scene = rooms.redraw(exact, 1, FAR, polygons(affinity.translate(far, 8, 0)))
     whole = solved([], [], SEEN, scene=exact)
     proposal = propose(solved([NARROW], [WIDE]), 1)
-    found = proposals.compare(proposal, scene, [0], 1, whole)
+    found = compare(proposal, scene, [0], 1, whole)
     assert found.drawings == 1
     assert found.false_elements == 0
     np.testing.assert_allclose(found.iou[:FAR], 1, atol=1e-3)
@@ -59,11 +60,11 @@ def test_what_is_new_or_false_is_counted_so() -> None:
     unseen = replace(whole.instances[FAR], members=((1, FAR),))
     layout = replace(whole.layout, instances=(*whole.instances[:FAR], unseen))
     proposal = propose(solved([NARROW], [WIDE], SEEN[:FAR]), 1)
-    found = proposals.compare(proposal, scene, [0], 1, replace(whole, layout=layout))
+    found = compare(proposal, scene, [0], 1, replace(whole, layout=layout))
     assert len(found.iou) == FAR
     assert sum(np.isinf(edge.whole_px) for edge in found.edges) == 4
     nobody = replace(scene, key_frames=(scene.key_frames[0], replace(scene.key_frames[1], elements=())))
-    assert proposals.compare(proposal, nobody, [0], 1, whole).false_elements == FAR
+    assert compare(proposal, nobody, [0], 1, whole).false_elements == FAR
 
 
 def test_a_clip_is_replayed_and_written(tmp_path: Path) -> None:
