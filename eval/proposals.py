@@ -113,6 +113,7 @@ def figures(compared: Sequence[Compared], first_edges: int) -> list[Metric]:
     visible = np.array([edge.visible for edge in edges])
     iou = np.concatenate([one.iou for one in compared])
     after_two = [one.iou for one in compared if one.drawings == 2]
+    both, proposed, drawn = np.sum([one.visible_px2 for one in compared], axis=0).tolist()
     return [
         Metric("iou_after_two", _mean(np.concatenate(after_two)) if after_two else np.nan, "", True),
         Metric("iou", _mean(iou), "", True),
@@ -124,6 +125,8 @@ def figures(compared: Sequence[Compared], first_edges: int) -> list[Metric]:
         Metric("visible_edges_3px", _mean(whole[visible] <= 3.0), "", True),
         Metric("visible_line", float(np.median(line[visible])) if visible.any() else np.nan, "px", False),
         Metric("false_elements", float(sum(one.false_elements for one in compared)), "", False),
+        Metric("visible_iou", both / (proposed + drawn - both) if proposed + drawn else np.nan, "", True),
+        Metric("visible_outside", 1 - both / proposed if proposed else np.nan, "", False),
         Metric("edges", float(len(edges)), "", None),
     ]
 

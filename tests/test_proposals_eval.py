@@ -52,6 +52,9 @@ def test_a_proposal_is_compared_with_the_drawing() -> None:
     assert not any(edge.visible for edge in found.edges)
     assert (found.left == 0).sum() == 4
     assert len(found.left) == len(found.confidence) == 16
+    # The narrow image shows two thirds of the wide one each way; of the far wall 8 px lie beside the drawn one.
+    shown, height = 640 * 480 * 4 / 9, far.bounds[3] - far.bounds[1]
+    assert found.visible_px2 == pytest.approx((shown - 8 * height, shown, 640 * 480), rel=1e-3)
 
 
 def test_what_is_new_or_false_is_counted_so() -> None:
@@ -77,6 +80,10 @@ def test_a_clip_is_replayed_and_written(tmp_path: Path) -> None:
     figures = {metric.key: metric.value for metric in rows["video, snapped"]}
     assert figures["iou_after_two"] == pytest.approx(1, abs=1e-3)
     assert figures["edges_3px"] == 1
+    # Each image shows more than those before it, and nothing else.
+    shares = [(before / after) ** 2 for before, after in zip(sorted(FOCALS), sorted(FOCALS)[1:], strict=False)]
+    assert figures["visible_iou"] == pytest.approx(np.mean(shares), abs=0.01)
+    assert figures["visible_outside"] == pytest.approx(0, abs=0.01)
     assert figures["edges"] == 48
     # The first drawing is made by hand.
     assert figures["session_5px"] == pytest.approx(48 / 64)

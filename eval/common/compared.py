@@ -14,7 +14,7 @@ from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.io.pixels.images import read_depth
 from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.proposal import Proposal
-from gtlayout.scene import FloatArray, Scene
+from gtlayout.scene import Element, FloatArray, Scene
 from gtlayout.solution import Solution
 
 INSIDE_PX = 4.0
@@ -47,6 +47,8 @@ class Compared:
     """(N,) of the elements of instances that were drawn before; 0 for those that are not proposed."""
     edges: tuple[DrawnEdge, ...]
     false_elements: int
+    visible_px2: tuple[float, float, float]
+    """Of the visible parts of all pairs of elements: in common, proposed, drawn."""
     confidence: FloatArray
     """(P,) of the proposed edges that are not on the border …"""
     left: FloatArray
@@ -77,9 +79,15 @@ def compare(proposal: Proposal, scene: Scene, drawn: Sequence[int], key_frame: i
         best[known],
         tuple(drawn_edges(scene, key_frame, outlines, whole)),
         len(proposal.elements) - len(matched),
+        _visible_px2([(proposal.elements[q].element, elements[e]) for e, q in matched.items()]),
         np.array(confidence),
         np.array(left),
     )
+
+
+def _visible_px2(pairs: Sequence[tuple[Element, Element]]) -> tuple[float, float, float]:
+    both = sum(proposed.visible.intersection(drawn.visible).area for proposed, drawn in pairs)
+    return both, sum(proposed.visible.area for proposed, _ in pairs), sum(drawn.visible.area for _, drawn in pairs)
 
 
 def drawn_edges(
