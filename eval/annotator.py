@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import numpy as np
 from cyclopts import Parameter
 
@@ -22,12 +21,12 @@ from common.runner import SceneRows, run_scenes, scenes_by_folder
 from gtlayout.config import Config
 from gtlayout.evaluation.evaluate import WORST_SHARE
 from gtlayout.geometry.raster import fill, rings_of
-from gtlayout.io.pixels.images import read_depth, read_rgb
+from gtlayout.io.pixels.images import read_bgr, read_depth
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.propose import propose
 from gtlayout.quality.assess import assess
-from gtlayout.scene import ImageArray, Scene
+from gtlayout.scene import Scene
 from gtlayout.session.session import Session
 from gtlayout.solution import Solution
 from simulated.simulated_annotator import Effort, corrected, drawn_by_hand
@@ -109,7 +108,7 @@ def replay(scene: Scene, session: Session, reach_px: float) -> Replay:
         start = time.perf_counter()
         if len(drawn) > 1:
             solution = session.quick(drawn)
-        image = _bgr(scene, wanted.frame)
+        image = read_bgr(scene.frames[wanted.frame])
         proposal = propose(solution, wanted.frame, image=image)
         waits.append(time.perf_counter() - start)
         key_frame, more = corrected(proposal.key_frame(), wanted, scene.frames[wanted.frame].camera, reach_px)
@@ -173,10 +172,6 @@ def depth_error(scene: Scene, solution: Solution) -> tuple[float, float]:
         return np.nan, np.nan
     kept = max(1, int(np.ceil((1 - WORST_SHARE) * len(pooled))))
     return float(pooled[:kept].mean()), len(pooled) / (len(pooled) + missing)
-
-
-def _bgr(scene: Scene, frame: int) -> ImageArray:
-    return np.asarray(cv2.cvtColor(read_rgb(scene.frames[frame]), cv2.COLOR_RGB2BGR), np.uint8)
 
 
 def main(arguments: list[str] | None = None) -> int:

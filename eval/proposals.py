@@ -4,46 +4,28 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
-import cv2
 import numpy as np
-import shapely
 from cyclopts import Parameter
-from scipy.optimize import linear_sum_assignment
-from shapely import MultiPolygon
 
 from common.command_line import Jobs, exit_status, new_app
+from common.compared import Compared, compare, drawn_edges
 from common.metrics import Metric, mean_over, write_tables
 from common.runner import SceneRows, run_scenes, scenes_by_folder
 from gtlayout.config import Config
-from gtlayout.geometry.plane_image import inverse_depth
-from gtlayout.io.pixels.images import read_depth, read_rgb
+from gtlayout.io.pixels.images import read_bgr
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import solve
 from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.order import Order, next_frames
-from gtlayout.proposals.outlines import segments
-from gtlayout.proposals.proposal import Proposal
 from gtlayout.proposals.propose import Proposer
-from gtlayout.proposals.snapping import on_border
-from gtlayout.scene import Element, FloatArray, Scene
+from gtlayout.scene import FloatArray, Scene
 from gtlayout.solution import Solution
 
-SAMPLES = 21
-"""Points of a person's edge whose distance from the proposed outline is measured."""
-BORDER_PX = 3.0
-"""Edges that lie this near to the border of the image throughout are not counted: they are right by themselves."""
-INSIDE_PX = 4.0
-"""So far beside an edge depth is looked up, …"""
-SAME_DEPTH = 0.05
-"""… which shows the surface when it differs from that of its plane by this share at most."""
-VISIBLE = 0.3
-"""Share of an edge that is seen when it counts as visible."""
-MATCHED_IOU = 0.1
 GOOD_IOU = 0.9
 WITHIN_PX = (3.0, 5.0, 10.0)
 BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
@@ -51,34 +33,6 @@ BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 Solve = Callable[[Scene], Solution]
 
 app = new_app("proposals", __doc__)
-
-
-@dataclass(frozen=True)
-class DrawnEdge:
-    """One edge that a person drew, not on the border of the image."""
-
-    whole_px: float
-    """Largest distance of its points from the proposed outline, as of an image of 640x480; infinite without one."""
-    line_px: float
-    """Median of the same: where its line is, wherever it ends."""
-    visible: bool
-    """Measured depth shows the surface beside it; false in scenes without depth."""
-
-
-@dataclass(frozen=True)
-class Compared:
-    """A proposal against what a person drew."""
-
-    drawings: int
-    """How many key frames were drawn before."""
-    iou: FloatArray
-    """(N,) of the elements of instances that were drawn before; 0 for those that are not proposed."""
-    edges: tuple[DrawnEdge, ...]
-    false_elements: int
-    confidence: FloatArray
-    """(P,) of the proposed edges that are not on the border …"""
-    left: FloatArray
-    """(P,) … and whether all of each lies within 5 px of what the person drew: 1 or 0."""
 
 
 @app.default
@@ -131,11 +85,11 @@ def replay_rows(scene: Scene, order: Order, whole: Solution, solve_part: Solve) 
     first = 0
     for drawn, upcoming in drawing_order(scene, order):
         if len(drawn) == 1:
-            first = len(_drawn_edges(scene, drawn[0], None, whole))
+            first = len(drawn_edges(scene, drawn[0], None, whole))
         part = replace(scene, key_frames=tuple(scene.key_frames[k] for k in sorted(drawn)))
         proposer = Proposer(solve_part(part), ProposalConfig())
         frame = scene.key_frames[upcoming].frame
-        image = cv2.cvtColor(read_rgb(scene.frames[frame]), cv2.COLOR_RGB2BGR).astype(np.uint8, copy=False)
+        image = read_bgr(scene.frames[frame])
         for name, pixels in (("as predicted", None), ("snapped", image)):
             found[name].append(compare(proposer.propose(frame, pixels), scene, drawn, upcoming, whole))
     for name, all_of_them in found.items():
@@ -152,38 +106,6 @@ def drawing_order(scene: Scene, order: Order) -> Iterator[tuple[list[int], int]]
         yield list(chosen[:count]), chosen[count]
 
 
-def compare(proposal: Proposal, scene: Scene, drawn: Sequence[int], key_frame: int, whole: Solution) -> Compared:
-    """A proposal against the drawing of the key frame that it is for."""
-    elements = scene.key_frames[key_frame].elements
-    instance_of = {member: i for i, instance in enumerate(whole.instances) for member in instance.members}
-    before = {i for (k, _), i in instance_of.items() if k in drawn}
-    known = np.array([instance_of.get((key_frame, e), -1) in before for e in range(len(elements))], dtype=bool)
-    iou = np.array([[_iou(element, other.element) for other in proposal.elements] for element in elements])
-    iou = iou.reshape(len(elements), len(proposal.elements))
-    pairs = zip(*(index.tolist() for index in linear_sum_assignment(-iou)), strict=True)
-    matched: dict[int, int] = {e: q for e, q in pairs if iou[e, q] > MATCHED_IOU}
-    best = np.array([iou[e, matched[e]] if e in matched else 0.0 for e in range(len(elements))])
-    outlines = {e: proposal.elements[q].element.amodal for e, q in matched.items()}
-    camera = scene.frame_of(key_frame).camera
-    confidence, left = [], []
-    person = {q: elements[e].amodal for e, q in matched.items()}
-    for q, proposed in enumerate(proposal.elements):
-        for edge in proposed.edges:
-            if edge.kind != "border":
-                points = np.stack([edge.start_px, edge.end_px])
-                far = _distances(points, person[q]).max() if q in person else np.inf
-                confidence.append(edge.confidence)
-                left.append(float(far <= ProposalConfig().left_px * camera.annotation_scale))
-    return Compared(
-        len(drawn),
-        best[known],
-        tuple(_drawn_edges(scene, key_frame, outlines, whole)),
-        len(proposal.elements) - len(matched),
-        np.array(confidence),
-        np.array(left),
-    )
-
-
 def figures(compared: Sequence[Compared], first_edges: int) -> list[Metric]:
     """The figures of one order: of edges all together, of IoUs also after two drawings."""
     edges = [edge for one in compared for edge in one.edges]
@@ -191,6 +113,7 @@ def figures(compared: Sequence[Compared], first_edges: int) -> list[Metric]:
     visible = np.array([edge.visible for edge in edges])
     iou = np.concatenate([one.iou for one in compared])
     after_two = [one.iou for one in compared if one.drawings == 2]
+    both, proposed, drawn = np.sum([one.visible_px2 for one in compared], axis=0).tolist()
     return [
         Metric("iou_after_two", _mean(np.concatenate(after_two)) if after_two else np.nan, "", True),
         Metric("iou", _mean(iou), "", True),
@@ -202,6 +125,8 @@ def figures(compared: Sequence[Compared], first_edges: int) -> list[Metric]:
         Metric("visible_edges_3px", _mean(whole[visible] <= 3.0), "", True),
         Metric("visible_line", float(np.median(line[visible])) if visible.any() else np.nan, "px", False),
         Metric("false_elements", float(sum(one.false_elements for one in compared)), "", False),
+        Metric("visible_iou", both / (proposed + drawn - both) if proposed + drawn else np.nan, "", True),
+        Metric("visible_outside", 1 - both / proposed if proposed else np.nan, "", False),
         Metric("edges", float(len(edges)), "", None),
     ]
 
@@ -246,58 +171,6 @@ def _pooled(rows: Sequence[Sequence[Metric]]) -> list[Metric]:
         Metric("mean_confidence", said * share, "", None),
         Metric("left_share", left * share, "", None),
     ]
-
-
-def _drawn_edges(
-    scene: Scene, key_frame: int, outlines: Mapping[int, MultiPolygon] | None, whole: Solution
-) -> list[DrawnEdge]:
-    """The edges of a person's drawing against the outlines proposed for its elements."""
-    camera = scene.frame_of(key_frame).camera
-    scale = camera.annotation_scale
-    edges = []
-    for e, element in enumerate(scene.key_frames[key_frame].elements):
-        for points in segments(element.amodal):
-            if on_border(points, camera, BORDER_PX * scale):
-                continue
-            proposed = (outlines or {}).get(e)
-            distances = np.array([np.inf]) if proposed is None else _distances(points, proposed) / scale
-            seen = outlines is not None and _seen(scene, key_frame, e, points, whole)
-            edges.append(DrawnEdge(float(distances.max()), float(np.median(distances)), seen))
-    return edges
-
-
-def _seen(scene: Scene, key_frame: int, element: int, points: FloatArray, whole: Solution) -> bool:
-    """Whether the measured depth beside an edge, within its element, is that of the element's plane."""
-    frame, outline = scene.frame_of(key_frame), scene.key_frames[key_frame].elements[element].amodal
-    instance = next((i for i, one in enumerate(whole.instances) if (key_frame, element) in one.members), None)
-    if frame.depth_path is None or instance is None or not whole.planes[instance].observable:
-        return False
-    depth = read_depth(frame)
-    along = points[1] - points[0]
-    across = INSIDE_PX * np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
-    at = points[0] + (np.arange(SAMPLES) + 0.5)[:, None] / SAMPLES * along
-    best = 0.0
-    for beside in (at + across, at - across):
-        inside = shapely.contains_xy(outline, beside)
-        inside &= ((beside >= 0) & (beside < [frame.camera.width, frame.camera.height])).all(axis=1)
-        measured = depth[tuple(beside[inside].astype(int).T[::-1])]
-        inverse = np.column_stack([beside[inside], np.ones(inside.sum())]) @ inverse_depth(
-            whole.planes[instance], whole.scene.frame_of(key_frame).camera
-        )
-        best = max(best, float(np.sum(np.abs(measured * inverse - 1) < SAME_DEPTH)) / SAMPLES)
-    return best >= VISIBLE
-
-
-def _distances(points: FloatArray, outline: MultiPolygon) -> FloatArray:
-    """(N,) px of points all along an edge (2, 2), its ends included, from an outline."""
-    along = points[0] + np.linspace(0, 1, SAMPLES)[:, None] * (points[1] - points[0])
-    distances: FloatArray = shapely.distance(outline.boundary, shapely.points(along))
-    return distances
-
-
-def _iou(a: Element, b: Element) -> float:
-    """0 for different labels."""
-    return float(a.amodal.intersection(b.amodal).area / a.amodal.union(b.amodal).area) if a.label == b.label else 0.0
 
 
 def _mean(values: FloatArray | np.typing.NDArray[np.bool_]) -> float:

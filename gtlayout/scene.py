@@ -190,6 +190,8 @@ class Scene:
     """True when world units are metres."""
     warnings: tuple[str, ...] = field(default=())
     """What the readers skipped or repaired, one line each."""
+    notes: tuple[str, ...] = field(default=())
+    """What else there is to know, and is in order: drawings that are left out because they are meant to be."""
 
     def frame_of(self, key_frame: int) -> Frame:
         """The frame that key frame number ``key_frame`` annotates."""

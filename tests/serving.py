@@ -33,7 +33,7 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def solved_room(small_room: Path) -> SolvedRoom:
+def served_room(small_room: Path) -> SolvedRoom:
     """Of the small room."""
     made = solve_folder(small_room)
     assert made is not None

@@ -13,6 +13,7 @@ from shapely import affinity
 from solved_rooms import NARROW, SEEN, WIDE, solved
 
 import proposals
+from common.compared import compare
 from common.metrics import read_rows
 from gtlayout.geometry.polygons import polygons
 from gtlayout.proposals.propose import propose
@@ -36,7 +37,7 @@ def test_a_proposal_is_compared_with_the_drawing() -> None:
     scene = rooms.redraw(exact, 1, FAR, polygons(affinity.translate(far, 8, 0)))
     whole = solved([], [], SEEN, scene=exact)
     proposal = propose(solved([NARROW], [WIDE]), 1)
-    found = proposals.compare(proposal, scene, [0], 1, whole)
+    found = compare(proposal, scene, [0], 1, whole)
     assert found.drawings == 1
     assert found.false_elements == 0
     np.testing.assert_allclose(found.iou[:FAR], 1, atol=1e-3)
@@ -51,6 +52,9 @@ def test_a_proposal_is_compared_with_the_drawing() -> None:
     assert not any(edge.visible for edge in found.edges)
     assert (found.left == 0).sum() == 4
     assert len(found.left) == len(found.confidence) == 16
+    # The narrow image shows two thirds of the wide one each way; of the far wall 8 px lie beside the drawn one.
+    shown, height = 640 * 480 * 4 / 9, far.bounds[3] - far.bounds[1]
+    assert found.visible_px2 == pytest.approx((shown - 8 * height, shown, 640 * 480), rel=1e-3)
 
 
 def test_what_is_new_or_false_is_counted_so() -> None:
@@ -59,11 +63,11 @@ def test_what_is_new_or_false_is_counted_so() -> None:
     unseen = replace(whole.instances[FAR], members=((1, FAR),))
     layout = replace(whole.layout, instances=(*whole.instances[:FAR], unseen))
     proposal = propose(solved([NARROW], [WIDE], SEEN[:FAR]), 1)
-    found = proposals.compare(proposal, scene, [0], 1, replace(whole, layout=layout))
+    found = compare(proposal, scene, [0], 1, replace(whole, layout=layout))
     assert len(found.iou) == FAR
     assert sum(np.isinf(edge.whole_px) for edge in found.edges) == 4
     nobody = replace(scene, key_frames=(scene.key_frames[0], replace(scene.key_frames[1], elements=())))
-    assert proposals.compare(proposal, nobody, [0], 1, whole).false_elements == FAR
+    assert compare(proposal, nobody, [0], 1, whole).false_elements == FAR
 
 
 def test_a_clip_is_replayed_and_written(tmp_path: Path) -> None:
@@ -76,6 +80,10 @@ def test_a_clip_is_replayed_and_written(tmp_path: Path) -> None:
     figures = {metric.key: metric.value for metric in rows["video, snapped"]}
     assert figures["iou_after_two"] == pytest.approx(1, abs=1e-3)
     assert figures["edges_3px"] == 1
+    # Each image shows more than those before it, and nothing else.
+    shares = [(before / after) ** 2 for before, after in zip(sorted(FOCALS), sorted(FOCALS)[1:], strict=False)]
+    assert figures["visible_iou"] == pytest.approx(np.mean(shares), abs=0.01)
+    assert figures["visible_outside"] == pytest.approx(0, abs=0.01)
     assert figures["edges"] == 48
     # The first drawing is made by hand.
     assert figures["session_5px"] == pytest.approx(48 / 64)

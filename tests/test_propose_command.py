@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -75,7 +76,9 @@ def drafts_of(folder: Path) -> list[dict[str, Any]]:
     return drafts
 
 
-def test_drafts_stand_beside_the_drawings_and_count_for_nothing(room: Path, proposed: Path) -> None:
+def test_drafts_stand_beside_the_drawings_and_count_for_nothing(
+    room: Path, proposed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     before, after = (json.loads((folder / "annotations.json").read_text()) for folder in (room, proposed))
     assert list(after) == ["owner", *before, "drafts"]
     assert {key: after[key] for key in before} == before
@@ -84,8 +87,14 @@ def test_drafts_stand_beside_the_drawings_and_count_for_nothing(room: Path, prop
     assert after["drafts"][0]["note"] == "mine"
     drawn, with_drafts = load(room), load(proposed)
     assert repr(with_drafts.key_frames) == repr(drawn.key_frames)
-    (said,) = set(with_drafts.warnings) - set(drawn.warnings)
-    assert said == "annotations.json: 3 frames are drafts, not used: only what a person confirmed counts"
+    assert with_drafts.warnings == drawn.warnings
+    said = "annotations.json: 3 frames are drafts, not used: only what a person confirmed counts"
+    assert (drawn.notes, with_drafts.notes) == ((), (said,))
+    # Nothing that a check would doubt.
+    assert main(["check", str(room)]) == 0
+    before_check = capsys.readouterr().out
+    assert main(["check", str(proposed)]) == 0
+    assert capsys.readouterr().out == f"note: {said}\n{before_check}"
 
 
 def test_a_draft_is_what_is_there(room: Path, proposed: Path) -> None:
@@ -110,7 +119,14 @@ def _written(path: Path, data: Any) -> Path:
 
 def test_cvat_reads_the_same(room: Path, proposed: Path) -> None:
     xml = proposed / "gtlayout" / "proposals_cvat.xml"
-    scene = load(room, annotations=xml)
+    with pytest.raises(GtlayoutError, match=r"nobody has confirmed what is drawn \(2, first in 000004.jpg\)"):
+        load(room, annotations=xml)
+    # Who confirms them removes the tag.
+    text, count = re.subn(r'<tag label="proposed" source="manual" />', "", xml.read_text())
+    assert count == 2
+    confirmed = proposed.parent / "confirmed.xml"
+    confirmed.write_text(text)
+    scene = load(room, annotations=confirmed)
     for key_frame, draft in zip(scene.key_frames, drafts_of(proposed)[1:], strict=True):
         assert [element.id for element in key_frame.elements] == [element["id"] for element in draft["elements"]]
         for element, there in zip(key_frame.elements, draft["elements"], strict=True):
@@ -149,7 +165,8 @@ def test_drawings_of_another_tool_are_left_alone(
     folder = tmp_path / "room"
     shutil.copytree(proposed, folder)
     (folder / "annotations.json").unlink()
-    xml = shutil.move(folder / "gtlayout" / "proposals_cvat.xml", folder / "task.xml")
+    xml = folder / "task.xml"
+    shutil.copy(proposed.parent / "confirmed.xml", xml)
     before = Path(xml).read_bytes()
     with solved_once():
         assert main(["propose", str(folder), "--json"]) == 0

@@ -95,15 +95,15 @@ def _exported(annotated: Annotated, folder: Path, *, with_tags: bool) -> Path:
     return path
 
 
-def _key_frames(path: Path, solved_room: SolvedRoom) -> dict[int, KeyFrame]:
+def _key_frames(path: Path, served_room: SolvedRoom) -> dict[int, KeyFrame]:
     raw = read_cvat(path.parent, path)
-    key_frames, _ = build_key_frames(raw, solved_room.scene.frames, (), {})
+    key_frames, _ = build_key_frames(raw, served_room.scene.frames, (), {})
     return {key_frame.frame: key_frame for key_frame in key_frames}
 
 
-def test_every_frame_that_is_not_drawn_is_proposed(annotated: Annotated, solved_room: SolvedRoom) -> None:
-    drawn = {solved_room.scene.frames[key_frame.frame].name for key_frame in solved_room.scene.key_frames}
-    names = {frame.name for frame in solved_room.scene.frames}
+def test_every_frame_that_is_not_drawn_is_proposed(annotated: Annotated, served_room: SolvedRoom) -> None:
+    drawn = {served_room.scene.frames[key_frame.frame].name for key_frame in served_room.scene.key_frames}
+    names = {frame.name for frame in served_room.scene.frames}
     assert set(annotated.shapes) == names - drawn
     assert annotated.tags == {name: [PROPOSED] for name in names - drawn}
     assert len(names) == FRAMES
@@ -111,24 +111,24 @@ def test_every_frame_that_is_not_drawn_is_proposed(annotated: Annotated, solved_
     assert all(0 < shape["score"] <= 1 for shapes in annotated.shapes.values() for shape in shapes)
 
 
-def test_what_gets_nothing_is_said(annotated: Annotated, solved_room: SolvedRoom) -> None:
+def test_what_gets_nothing_is_said(annotated: Annotated, served_room: SolvedRoom) -> None:
     lines = annotated.said.splitlines()
     assert f"{FOREIGN}: nothing is proposed, it has no camera" in lines
-    for key_frame in solved_room.scene.key_frames:
-        name = solved_room.scene.frames[key_frame.frame].name
+    for key_frame in served_room.scene.key_frames:
+        name = served_room.scene.frames[key_frame.frame].name
         assert f"{name}: nothing is proposed, it is drawn already" in lines
-    assert f"proposing from {solved_room.version}" in lines
-    assert sum("nothing is proposed" in line for line in lines) == 1 + len(solved_room.scene.key_frames)
+    assert f"proposing from {served_room.version}" in lines
+    assert sum("nothing is proposed" in line for line in lines) == 1 + len(served_room.scene.key_frames)
 
 
-def test_an_export_reads_as_what_was_proposed(annotated: Annotated, solved_room: SolvedRoom, tmp_path: Path) -> None:
+def test_an_export_reads_as_what_was_proposed(annotated: Annotated, served_room: SolvedRoom, tmp_path: Path) -> None:
     """Confirmed: the tags are gone. Labels, ids, visible parts and occlusion edges are those of the proposals."""
-    read = _key_frames(_exported(annotated, tmp_path, with_tags=False), solved_room)
+    read = _key_frames(_exported(annotated, tmp_path, with_tags=False), served_room)
     assert len(read) == len(annotated.shapes)
     for index, key_frame in read.items():
-        found = solved_room.find(solved_room.scene.frames[index].name)
+        found = served_room.find(served_room.scene.frames[index].name)
         assert isinstance(found, Found)
-        proposed = solved_room.propose(found).key_frame()
+        proposed = served_room.propose(found).key_frame()
         wanted = {element.id: element for element in proposed.elements}
         assert {element.id: element.label for element in key_frame.elements} == {
             name: element.label for name, element in wanted.items()
@@ -146,7 +146,8 @@ def test_what_is_not_confirmed_is_no_drawing(annotated: Annotated, tmp_path: Pat
     raw = read_cvat(tmp_path, _exported(annotated, tmp_path, with_tags=True))
     assert raw.key_frames == ()
     first = min(annotated.shapes)
-    assert raw.warnings == (
+    assert raw.warnings == ()
+    assert raw.notes == (
         "annotations.xml: image left out: its tag 'proposed' says that nobody has confirmed what is drawn "
         f"({len(annotated.shapes)}, first in {first})",
     )
@@ -161,7 +162,7 @@ def test_other_tags_say_nothing_of_that(tmp_path: Path) -> None:
 
 
 def test_the_next_frames_only_what_is_sure_enough_and_a_task_without_the_tag(
-    annotated: Annotated, small_room: Path, solved_room: SolvedRoom, tmp_path: Path
+    annotated: Annotated, small_room: Path, served_room: SolvedRoom, tmp_path: Path
 ) -> None:
     scores = sorted(shape["score"] for shapes in annotated.shapes.values() for shape in shapes)
     limit = scores[len(scores) // 2]
@@ -170,7 +171,7 @@ def test_the_next_frames_only_what_is_sure_enough_and_a_task_without_the_tag(
     options = ("--conf-threshold", str(limit), "--allow-unmatched-labels", "-p", "next=int:3")
     done = auto_annotate(task, small_room, tmp_path, *options)
     assert done.returncode == 0, done.stderr
-    names = [task.images[frame][0] for frame in next_frames(solved_room.scene, 3)]
+    names = [task.images[frame][0] for frame in next_frames(served_room.scene, 3)]
     assert f"proposing only {', '.join(names)}" in done.stderr.splitlines()
     (uploaded,) = task.uploaded
     wanted = [shape["score"] for name in names for shape in annotated.shapes[name]]

@@ -13,13 +13,13 @@ from serving import SIZE, ask, running
 from shapely import MultiPolygon, Polygon
 from tools_env import run_tool
 
+from gtlayout.guard import Admission, Credentials, Guard
 from gtlayout.io.annotations.key_frames import build_key_frames
+from gtlayout.io.annotations.label_studio.control_tags import control_tags
 from gtlayout.io.annotations.label_studio.reader import read_label_studio
 from gtlayout.io.annotations.labeling import label_config
 from gtlayout.io.annotations.labels import label_meanings
-from gtlayout.serve.control_tags import control_tags
-from gtlayout.serve.guard import Credentials, Guard
-from gtlayout.serve.label_studio import MAX_BODY, backend
+from gtlayout.serve.label_studio import MAX_BODY, backend, problem
 from gtlayout.serve.predictions import predictions
 from gtlayout.serve.solved_room import Found, SolvedRoom
 from gtlayout.serve.solving import BackgroundSolves, Stamp
@@ -51,13 +51,17 @@ class Drawings:
 
 
 @pytest.fixture(scope="module")
-def drawings(solved_room: SolvedRoom) -> Drawings:
-    return Drawings(solved_room)
+def drawings(served_room: SolvedRoom) -> Drawings:
+    return Drawings(served_room)
+
+
+def guarded(drawings: Drawings, **admission: Any) -> Guard:
+    return Guard(backend(drawings.solved()), Admission(MAX_BODY, **admission), problem)
 
 
 @pytest.fixture(scope="module")
 def address(drawings: Drawings) -> Iterator[str]:
-    with running(backend(drawings.solved())) as url:
+    with running(guarded(drawings)) as url:
         yield url
 
 
@@ -69,11 +73,11 @@ def predicted(address: str) -> dict[str, Any]:
 
 
 def test_each_task_has_a_prediction_and_what_is_not_known_an_empty_one(
-    predicted: dict[str, Any], solved_room: SolvedRoom
+    predicted: dict[str, Any], served_room: SolvedRoom
 ) -> None:
     results = predicted["results"]
-    assert [each["model_version"] for each in results] == [solved_room.version] * 3
-    assert predicted["model_version"] == solved_room.version
+    assert [each["model_version"] for each in results] == [served_room.version] * 3
+    assert predicted["model_version"] == served_room.version
     assert [bool(each["result"]) for each in results] == [True, True, False]
     assert 0 < results[0]["score"] <= 1
     assert results[2]["score"] == 0
@@ -87,7 +91,7 @@ def test_each_task_has_a_prediction_and_what_is_not_known_an_empty_one(
 
 
 def test_label_studio_finds_nothing_wrong_and_converts_them(
-    predicted: dict[str, Any], solved_room: SolvedRoom, tmp_path: Path
+    predicted: dict[str, Any], served_room: SolvedRoom, tmp_path: Path
 ) -> None:
     for name, content in (("config.xml", CONFIG), ("results.json", predicted), ("tasks.json", TASKS)):
         (tmp_path / name).write_text(content if isinstance(content, str) else json.dumps(content))
@@ -102,7 +106,7 @@ def test_label_studio_finds_nothing_wrong_and_converts_them(
             points = iter(each["segmentation"][0])
             drawn.setdefault(names[each["category_id"]], []).append(Polygon(list(zip(points, points, strict=True))))
     wanted: dict[str, list[MultiPolygon]] = {}
-    for element in _key_frame_of(solved_room, NAMES[0]).elements:
+    for element in _key_frame_of(served_room, NAMES[0]).elements:
         wanted.setdefault(element.label, []).append(element.amodal)
         if not element.visible.is_empty:
             wanted.setdefault("visible", []).append(element.visible)
@@ -113,16 +117,16 @@ def test_label_studio_finds_nothing_wrong_and_converts_them(
 
 
 def test_submitted_they_read_as_what_was_proposed(
-    predicted: dict[str, Any], solved_room: SolvedRoom, tmp_path: Path
+    predicted: dict[str, Any], served_room: SolvedRoom, tmp_path: Path
 ) -> None:
     """Labels, ids, whose visible parts they are, and occlusion edges."""
     path = tmp_path / "export.json"
     both = zip(TASKS, predicted["results"], strict=True)
     path.write_text(json.dumps([{**task, "annotations": [{"id": 1, "result": each["result"]}]} for task, each in both]))
-    key_frames, _ = build_key_frames(read_label_studio(tmp_path, path), solved_room.scene.frames, (), {})
+    key_frames, _ = build_key_frames(read_label_studio(tmp_path, path), served_room.scene.frames, (), {})
     assert [key_frame.frame for key_frame in key_frames] == [5, 8]
     for key_frame in key_frames:
-        wanted = _key_frame_of(solved_room, solved_room.scene.frames[key_frame.frame].name)
+        wanted = _key_frame_of(served_room, served_room.scene.frames[key_frame.frame].name)
         assert {(each.id, each.label) for each in key_frame.elements} == {(e.id, e.label) for e in wanted.elements}
         by_id = {element.id: element for element in wanted.elements}
         for element in key_frame.elements:
@@ -154,7 +158,7 @@ def test_the_tags_are_those_of_the_configuration(address: str, caplog: pytest.Lo
 
 
 def test_the_requests_of_label_studio_are_answered(
-    address: str, drawings: Drawings, solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture
+    address: str, drawings: Drawings, served_room: SolvedRoom, caplog: pytest.LogCaptureFixture
 ) -> None:
     """As ``tests/test_api.py`` of label-studio-ml-backend asks, and ``api_connector.py`` of Label Studio."""
     for path in ("/", "/health"):
@@ -164,7 +168,7 @@ def test_the_requests_of_label_studio_are_answered(
         assert answer["state"] == "ready"
         assert answer["problem"] == ""
     setup = {"project": "1.1000000000", "schema": CONFIG, "hostname": "http://localhost:8080", "extra_params": {}}
-    assert ask(f"{address}/setup", setup) == (200, {"model_version": solved_room.version})
+    assert ask(f"{address}/setup", setup) == (200, {"model_version": served_room.version})
     assert ask(f"{address}/webhook", {"action": "PROJECT_UPDATED"}) == (200, {"status": "Unknown event"})
     event = {"action": "ANNOTATION_CREATED", "project": {"id": 1, "label_config": CONFIG}, "annotation": {}}
     made = drawings.made
@@ -218,9 +222,9 @@ def test_what_is_wrong_is_said_as_json(address: str, path: str, data: object, st
 
 
 def test_a_bug_is_an_answer_and_the_server_goes_on(
-    address: str, solved_room: SolvedRoom, monkeypatch: pytest.MonkeyPatch
+    address: str, served_room: SolvedRoom, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(solved_room, "find", lambda _image: 1 / 0)
+    monkeypatch.setattr(served_room, "find", lambda _image: 1 / 0)
     status, answer = ask(f"{address}/predict", {"tasks": TASKS, "label_config": CONFIG})
     assert status == 500
     assert "ZeroDivisionError" in answer["error"]
@@ -228,7 +232,7 @@ def test_a_bug_is_an_answer_and_the_server_goes_on(
 
 
 def test_web_pages_and_other_names_are_refused(drawings: Drawings) -> None:
-    with running(Guard(backend(drawings.solved()), {"127.0.0.1:1"}, None)) as url:
+    with running(guarded(drawings, hosts={"127.0.0.1:1"})) as url:
         assert ask(f"{url}/health")[0] == 403
         assert ask(f"{url}/health", headers={"Host": "evil.example:1"})[0] == 403
         assert ask(f"{url}/health", headers={"Host": "127.0.0.1:1"})[0] == 200
@@ -246,7 +250,7 @@ def test_a_password_is_asked_for(drawings: Drawings) -> None:
         header = {"Authorization": "Basic " + base64.b64encode(text.encode()).decode()}
         return ask(f"{url}/health", headers=header)[0]
 
-    with running(Guard(backend(drawings.solved()), None, Credentials("me", "gehéim:1"))) as url:
+    with running(guarded(drawings, credentials=Credentials("me", "gehéim:1"))) as url:
         assert ask(f"{url}/health") == (401, {"error": "user name and password are missing or wrong"})
         assert ask(f"{url}/health", headers={"Authorization": "Bearer abc"})[0] == 401
         assert [with_header(text) for text in ("me:gehéim:1", "me:gehéim:2", "you:gehéim:1", "")] == [
@@ -257,15 +261,15 @@ def test_a_password_is_asked_for(drawings: Drawings) -> None:
         ]
 
 
-def test_a_task_of_another_field_is_refused(solved_room: SolvedRoom) -> None:
+def test_a_task_of_another_field_is_refused(served_room: SolvedRoom) -> None:
     tags = control_tags(CONFIG, label_meanings({}))
-    (empty,) = predictions([{"data": {"image": "kitchen.jpg", "other": "000005.jpg"}}], tags, solved_room)
+    (empty,) = predictions([{"data": {"image": "kitchen.jpg", "other": "000005.jpg"}}], tags, served_room)
     assert empty["result"] == []
-    size = predictions([{"data": {"image": "000005.jpg"}}], tags, solved_room)[0]["result"][0]
+    size = predictions([{"data": {"image": "000005.jpg"}}], tags, served_room)[0]["result"][0]
     assert (size["original_width"], size["original_height"]) == SIZE
 
 
-def _key_frame_of(solved_room: SolvedRoom, name: str) -> Any:
-    found = solved_room.find(name)
+def _key_frame_of(served_room: SolvedRoom, name: str) -> Any:
+    found = served_room.find(name)
     assert isinstance(found, Found)
-    return solved_room.propose(found).key_frame()
+    return served_room.propose(found).key_frame()

@@ -12,12 +12,12 @@ from serving import SIZE
 from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.io.annotations.outlines import View
+from gtlayout.io.annotations.tool_shapes import tool_shapes
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.pixels.turn import TURNS
 from gtlayout.proposals.proposal import Proposal, ProposedElement
 from gtlayout.scene import Camera, Element, Frame, Label, VideoOrigin
-from gtlayout.serve.shapes import score_of, tool_shapes
 from gtlayout.serve.solved_room import Found, SolvedRoom, version_of
 
 LENS = Undistortion("SIMPLE_RADIAL", 120, 100, (110.0, 58.0, 51.5, -0.1))
@@ -75,50 +75,50 @@ def test_a_lens_without_a_turn_and_a_video_of_another_size() -> None:
     ],
 )
 def test_names_are_matched_as_those_of_drawings(
-    solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture, image: str, frame: int
+    served_room: SolvedRoom, caplog: pytest.LogCaptureFixture, image: str, frame: int
 ) -> None:
-    found = solved_room.find(image)
+    found = served_room.find(image)
     assert isinstance(found, Found)
     assert (found.frame, found.is_drawn, found.view.annotated_size) == (frame, False, SIZE)
     assert not caplog.records
 
 
-def test_what_is_not_found_says_why(solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture) -> None:
-    assert solved_room.find("kitchen.jpg") == "has no camera"
-    assert solved_room.find("000099.jpg") == "has no camera"
-    assert solved_room.find("000003.jpg", (120, 160)) == "is shown with 120x160 px, and its camera is of 160x120"
+def test_what_is_not_found_says_why(served_room: SolvedRoom, caplog: pytest.LogCaptureFixture) -> None:
+    assert served_room.find("kitchen.jpg") == "has no camera"
+    assert served_room.find("000099.jpg") == "has no camera"
+    assert served_room.find("000003.jpg", (120, 160)) == "is shown with 120x160 px, and its camera is of 160x120"
     assert not caplog.records
-    by_number = solved_room.find("frame_3")
+    by_number = served_room.find("frame_3")
     assert isinstance(by_number, Found)
     assert by_number.frame == 3
     assert [each.message for each in caplog.records] == ["frame_3 is taken to be 000003.jpg, by its number alone"]
 
 
-def test_drawn_frames_are_known_as_such(solved_room: SolvedRoom) -> None:
-    drawn = [i for i, frame in enumerate(solved_room.scene.frames) if _found(solved_room, frame.name).is_drawn]
-    assert drawn == [key_frame.frame for key_frame in solved_room.scene.key_frames]
-    assert 0 < len(drawn) < len(solved_room.scene.frames)
+def test_drawn_frames_are_known_as_such(served_room: SolvedRoom) -> None:
+    drawn = [i for i, frame in enumerate(served_room.scene.frames) if _found(served_room, frame.name).is_drawn]
+    assert drawn == [key_frame.frame for key_frame in served_room.scene.key_frames]
+    assert 0 < len(drawn) < len(served_room.scene.frames)
 
 
 def test_a_frame_without_pixels_is_proposed_all_the_same(
-    solved_room: SolvedRoom, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    served_room: SolvedRoom, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    frames = list(solved_room.scene.frames)
+    frames = list(served_room.scene.frames)
     frames[5] = replace(frames[5], image_path=Path("gone.jpg"))
-    monkeypatch.setattr(solved_room, "scene", replace(solved_room.scene, frames=tuple(frames)))
-    monkeypatch.setattr(solved_room, "_proposals", {})
+    monkeypatch.setattr(served_room, "scene", replace(served_room.scene, frames=tuple(frames)))
+    monkeypatch.setattr(served_room, "_proposals", {})
     with caplog.at_level(logging.WARNING):
-        proposal = solved_room.propose(_found(solved_room, "000005.jpg"))
+        proposal = served_room.propose(_found(served_room, "000005.jpg"))
     assert proposal.frame == 5
     assert proposal.elements
     (said,) = caplog.records
     assert said.message.startswith("000005.jpg: proposed without its pixels: cannot read image gone.jpg")
 
 
-def test_the_version_is_that_of_the_drawings(solved_room: SolvedRoom) -> None:
-    scene = solved_room.scene
+def test_the_version_is_that_of_the_drawings(served_room: SolvedRoom) -> None:
+    scene = served_room.scene
     version = version_of(scene)
-    assert version == solved_room.version
+    assert version == served_room.version
     assert f"{len(scene.key_frames)} frames drawn" in version
     first = scene.key_frames[0]
     wall = first.elements[0]
@@ -144,7 +144,7 @@ def test_openings_lie_above_their_walls_and_nothing_covers_visible_parts_and_edg
         (np.array([[0.0, 0.0], [50.0, 60.0]]),),
         NOTHING,
     )
-    shapes = tool_shapes(proposal, View.of("a.png", _frame(), (320, 240)))
+    shapes = tool_shapes(proposal.draft(), View.of("a.png", _frame(), (320, 240)))
     about = [(shape.name, shape.kind, shape.label, shape.text, shape.score) for shape in shapes]
     assert about == [
         ("wall_0-0", "polygon", "wall", ("id", "wall_0"), 0.9),
@@ -161,16 +161,16 @@ def test_openings_lie_above_their_walls_and_nothing_covers_visible_parts_and_edg
 def test_points_stay_within_the_image() -> None:
     beyond = MultiPolygon([box(-1e-9, -1e-9, 160 + 1e-9, 120 + 1e-9)])
     proposal = Proposal(0, (_proposed("wall_0", "wall", beyond, NOTHING, 1.0),), (), NOTHING)
-    (shape,) = tool_shapes(proposal, View.of("a.png", _frame(), None))
+    (shape,) = tool_shapes(proposal.draft(), View.of("a.png", _frame(), None))
     assert shape.points_px.min() == 0
     assert shape.points_px.max(axis=0).tolist() == [160, 120]
 
 
 def test_nothing_has_no_score() -> None:
-    assert score_of(Proposal(0, (), (), NOTHING)) == 0
+    assert Proposal(0, (), (), NOTHING).draft().score == 0
 
 
-def _found(solved_room: SolvedRoom, image: str) -> Found:
-    found = solved_room.find(image)
+def _found(served_room: SolvedRoom, image: str) -> Found:
+    found = served_room.find(image)
     assert isinstance(found, Found)
     return found

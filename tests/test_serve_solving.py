@@ -58,37 +58,37 @@ def _refreshed(solves: BackgroundSolves) -> tuple[bool, str]:
     return changed, solves.state
 
 
-def test_only_what_has_changed_is_solved(solved_room: SolvedRoom) -> None:
-    folder = Folder(None, solved_room)
+def test_only_what_has_changed_is_solved(served_room: SolvedRoom) -> None:
+    folder = Folder(None, served_room)
     solves = BackgroundSolves(folder.make, folder.stamp)
     assert _refreshed(solves) == (True, "nothing drawn")
     assert _refreshed(solves) == (False, "nothing drawn")
     assert folder.begun == 1
     folder.number += 1
     assert _refreshed(solves) == (True, "ready")
-    assert solves.room is solved_room
+    assert solves.room is served_room
 
 
 @pytest.mark.parametrize(
     ("failure", "said"),
     [(GtlayoutError("no cameras"), "no cameras"), (ValueError("a bug"), "ValueError: a bug")],
 )
-def test_what_was_there_stays_when_a_solve_fails(solved_room: SolvedRoom, failure: Exception, said: str) -> None:
-    folder = Folder(solved_room, failure, solved_room)
+def test_what_was_there_stays_when_a_solve_fails(served_room: SolvedRoom, failure: Exception, said: str) -> None:
+    folder = Folder(served_room, failure, served_room)
     solves = BackgroundSolves(folder.make, folder.stamp)
     assert _refreshed(solves) == (True, "ready")
     folder.number += 1
     assert _refreshed(solves) == (True, "failed")
     assert said in solves.problem
-    assert solves.room is solved_room
+    assert solves.room is served_room
     assert _refreshed(solves) == (False, "failed")
     folder.number += 1
     assert _refreshed(solves) == (True, "ready")
     assert solves.problem == ""
 
 
-def test_a_change_during_a_solve_is_solved_after_it_once(solved_room: SolvedRoom) -> None:
-    folder = Folder(None, solved_room)
+def test_a_change_during_a_solve_is_solved_after_it_once(served_room: SolvedRoom) -> None:
+    folder = Folder(None, served_room)
     folder.may_go_on.clear()
     solves = BackgroundSolves(folder.make, folder.stamp)
     assert solves.refresh()
@@ -100,16 +100,16 @@ def test_a_change_during_a_solve_is_solved_after_it_once(solved_room: SolvedRoom
     assert folder.begun == 1
     folder.may_go_on.set()
     solves.wait()
-    assert (folder.begun, solves.state, solves.room) == (2, "ready", solved_room)
+    assert (folder.begun, solves.state, solves.room) == (2, "ready", served_room)
 
 
-def test_a_folder_that_cannot_be_read_is_said(solved_room: SolvedRoom) -> None:
-    folder = Folder(solved_room)
+def test_a_folder_that_cannot_be_read_is_said(served_room: SolvedRoom) -> None:
+    folder = Folder(served_room)
     solves = BackgroundSolves(folder.make, folder.stamp)
     assert _refreshed(solves) == (True, "ready")
     folder.damage = GtlayoutError("cannot read room")
     assert _refreshed(solves) == (False, "failed")
-    assert (solves.problem, solves.room) == ("cannot read room", solved_room)
+    assert (solves.problem, solves.room) == ("cannot read room", served_room)
 
 
 def test_the_stamp_is_that_of_the_annotations(tiny: Path, edit_json: Edit) -> None:

@@ -10,18 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from scipy.optimize import linear_sum_assignment
 from shapely import MultiPolygon, Polygon
-from shapely.geometry.base import BaseGeometry
 
-from gtlayout.scene import Camera, Element, FloatArray, KeyFrame
-
-_SAMPLES = 21
-"""Points of an edge whose distance from an outline is measured."""
-_BORDER_PX = 3.0
-"""Edges that lie this near to the border of the image throughout are not counted: they are right by themselves."""
-_LEAST_IOU = 0.1
-"""A proposal that overlaps with nothing drawn by more is removed."""
+from common.drawn_outlines import distances_px, inner_edges, matched_elements
+from gtlayout.scene import Camera, FloatArray, KeyFrame
 
 
 @dataclass(frozen=True)
@@ -54,7 +46,7 @@ def drawn_by_hand(wanted: KeyFrame, camera: Camera) -> Effort:
     """What a key frame takes without a proposal: a click for each vertex, and those that begin, mark and confirm."""
     placed = sum(len(ring) for element in wanted.elements for ring in _rings(element.amodal))
     return Effort(
-        edges=sum(len(_inner_edges(element.amodal, camera)) for element in wanted.elements),
+        edges=sum(len(inner_edges(element.amodal, camera)) for element in wanted.elements),
         placed=placed,
         other=len(wanted.elements) + len(wanted.occlusion_edges) + 1,
     )
@@ -68,7 +60,8 @@ def corrected(proposed: KeyFrame, wanted: KeyFrame, camera: Camera, reach_px: fl
     is. What it takes to mark visible parts is not counted, with or without a proposal.
     """
     reach = reach_px * camera.annotation_scale
-    partner = _partners(proposed.elements, wanted.elements)
+    _, pairs = matched_elements(proposed.elements, wanted.elements, same_label=False)
+    partner = {w: proposed.elements[p] for w, p in pairs.items()}
     effort = Effort(removed=len(proposed.elements) - len(partner), other=1)
     elements = []
     for e, element in enumerate(wanted.elements):
@@ -83,18 +76,6 @@ def corrected(proposed: KeyFrame, wanted: KeyFrame, camera: Camera, reach_px: fl
             elements.append(element)
     effort += Effort(other=_toggled(proposed.occlusion_edges, wanted.occlusion_edges, reach))
     return replace(wanted, elements=tuple(elements)), effort
-
-
-def _partners(proposed: Sequence[Element], wanted: Sequence[Element]) -> dict[int, Element]:
-    """For each wanted element the proposed one that becomes it, by the Hungarian method on the IoU."""
-    iou = np.array([[_iou(a.amodal, b.amodal) for b in proposed] for a in wanted]).reshape(len(wanted), len(proposed))
-    pairs = zip(*(index.tolist() for index in linear_sum_assignment(-iou)), strict=True)
-    return {e: proposed[q] for e, q in pairs if iou[e, q] > _LEAST_IOU}
-
-
-def _iou(a: BaseGeometry, b: BaseGeometry) -> float:
-    both = shapely.area(shapely.intersection(a, b))
-    return float(both / max(shapely.area(a) + shapely.area(b) - both, 1e-9))
 
 
 def _corrected_outline(
@@ -128,8 +109,8 @@ def _corrected_outline(
     over = corners[free]
     moved = min(placed, len(over))
     removed = max(sum(_far(corner, wanted, reach) for corner in over) - moved, 0)
-    edges = _inner_edges(wanted, camera)
-    untouched = sum(bool(_distances(edge, proposed).max() <= reach) for edge in edges)
+    edges = inner_edges(wanted, camera)
+    untouched = sum(bool(distances_px(edge, proposed).max() <= reach) for edge in edges)
     return outline, Effort(len(edges), untouched, moved, placed - moved, removed)
 
 
@@ -164,20 +145,3 @@ def _rings(region: MultiPolygon) -> list[FloatArray]:
     """(N, 2) each, without the repeated last point."""
     rings = [ring for polygon in region.geoms for ring in (polygon.exterior, *polygon.interiors)]
     return [shapely.get_coordinates(ring)[:-1] for ring in rings]
-
-
-def _inner_edges(region: MultiPolygon, camera: Camera) -> list[FloatArray]:
-    """(2, 2) the edges that do not lie on the border of the image."""
-    border = shapely.box(0, 0, camera.width, camera.height).exterior
-    edges = [np.stack([ring[i], ring[(i + 1) % len(ring)]]) for ring in _rings(region) for i in range(len(ring))]
-    least = _BORDER_PX * camera.annotation_scale
-    return [edge for edge in edges if _distances(edge, border).max() > least]
-
-
-def _distances(edge: FloatArray, outline: BaseGeometry) -> FloatArray:
-    """(N,) of points of an edge from an outline, px; infinite without one."""
-    share = np.linspace(0, 1, _SAMPLES)[:, None]
-    line = outline.boundary if isinstance(outline, MultiPolygon) else outline
-    if line.is_empty:
-        return np.full(_SAMPLES, np.inf)
-    return np.asarray(shapely.distance(line, shapely.points((1 - share) * edge[0] + share * edge[1])), np.float64)

@@ -11,13 +11,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import uvicorn
+from starlette.responses import PlainTextResponse
 
-from gtlayout.annotate.app import Pages, build_app
-from gtlayout.annotate.guard import LOOPBACK, Guard
+from gtlayout.annotate.app import MAX_BODY, Pages, build_app
 from gtlayout.annotate.scene import open_scene
 from gtlayout.annotate.solver import Solver
 from gtlayout.annotate.store import Store
 from gtlayout.errors import GtlayoutError
+from gtlayout.guard import LOOPBACK, PAGE_HEADERS, Admission, Guard
 from gtlayout.results.names import FOLDER
 from gtlayout.scene import Scene
 from gtlayout.session.session import Session
@@ -65,7 +66,12 @@ def prepared(
     store.read()
     solver = Solver(scene, session(scene), store.key_frames, root / FOLDER)
     port, token = listening.getsockname()[1], secrets.token_urlsafe(16)
-    app = Guard(build_app(Pages(scene, store, solver), token), port, token)
+    hosts = {f"{name}:{port}" for name in (LOOPBACK, "localhost")}
+    app = Guard(
+        build_app(Pages(scene, store, solver), token),
+        Admission(MAX_BODY, hosts, token, headers=PAGE_HEADERS),
+        lambda status, why: PlainTextResponse(why, status),
+    )
     config = uvicorn.Config(
         app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
     )

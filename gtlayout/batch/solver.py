@@ -144,7 +144,7 @@ def _figures(solution: Solution) -> dict[str, Any]:
         reasons_given.append(f"not compared with depth: {error}")
     status: Status = "accepted" if quality.accepted else "not accepted"
     verdicts = [judged.verdict for judged in quality.instances]
-    warned = [f"warning: {warning}" for warning in scene.warnings]
+    warned = [*(f"warning: {one}" for one in scene.warnings), *(f"note: {one}" for one in scene.notes)]
     print(headline_text(quality.headline), *warned, measures(scene, layout, quality), sep="\n")
     return {
         "status": status,

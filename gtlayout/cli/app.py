@@ -17,6 +17,7 @@ from gtlayout.cli.console import (
     Sources,
     exit_status,
     print_findings,
+    print_notes,
     print_warnings,
     progress_bars,
     stdout,
@@ -109,6 +110,7 @@ def solve(
     if solution.cameras is not None and (solution.cameras.refined or verbose):
         console.print(camera_line(solution.cameras, scene.metric))
     print_warnings(console, solution.scene.warnings, verbose)
+    print_notes(console, solution.scene.notes)
     print_findings(console, findings, verbose)
     if verbose:
         for stage, seconds in solution.timings_s.items():
@@ -175,6 +177,7 @@ def check(scene_dir: SceneDir, /, *, sources: Sources = FROM_THE_FOLDER) -> int:
     console = stdout()
     for line in found:
         console.print(line, style="yellow")
+    print_notes(console, scene.notes)
     counted = f"{len(found)} warning{'s' if len(found) > 1 else ''}" if found else "nothing suspicious"
     console.print(f"{counted}: {contents(scene)}")
     return SUSPICIOUS if found else 0

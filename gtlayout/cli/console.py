@@ -79,6 +79,12 @@ def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> 
         console.print(f"… and {len(warnings) - len(shown)} more warnings (see them with -v)", style="yellow")
 
 
+def print_notes(console: Console, notes: Sequence[str]) -> None:
+    """Print what is in order and still worth knowing."""
+    for note in notes:
+        console.print(f"note: {note}")
+
+
 def print_findings(console: Console, findings: Sequence[Finding], verbose: bool) -> None:
     """Print the worst findings of a review, or all of them."""
     shown = findings if verbose else findings[:SHOWN_WARNINGS]

@@ -5,15 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import cv2
-import numpy as np
 from cyclopts import Parameter
 
 from gtlayout.api import load
-from gtlayout.cli.console import FROM_THE_FOLDER, Positive, Sources, print_warnings, progress_bars, stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, Positive, Sources, print_notes, print_warnings, progress_bars, stdout
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text
-from gtlayout.io.pixels.images import read_rgb
+from gtlayout.io.pixels.images import read_bgr
 from gtlayout.method import solve
 from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.files import Tool, write_proposals
@@ -82,12 +80,14 @@ def propose(
             "file": str(path),
             "frames": [_as_json(proposal, solution.scene) for proposal in proposals],
             "warnings": [*problems, *solution.scene.warnings],
+            "notes": solution.scene.notes,
         }
         console.print(json_text(data), end="")
         return
     for proposal in proposals:
         console.print(_line(proposal, solution.scene))
     print_warnings(console, [*problems, *solution.scene.warnings], verbose=False)
+    print_notes(console, solution.scene.notes)
     console.print(f"Proposals: {path}")
 
 
@@ -107,7 +107,7 @@ def _frame_of(scene: Scene, name: str) -> int:
 def _image(frame: Frame) -> tuple[ImageArray | None, str]:
     """The pixels, or why there are none: the proposal is then not moved to lines of the image."""
     try:
-        return cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR).astype(np.uint8, copy=False), ""
+        return read_bgr(frame), ""
     except GtlayoutError as error:
         return None, f"{error}: its proposal is not moved to lines of the image"
 

@@ -9,7 +9,8 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gtlayout.cli.console import FROM_THE_FOLDER, Sources, stdout
-from gtlayout.serve.server import LOOPBACK, PORT, serve_label_studio
+from gtlayout.guard import LOOPBACK
+from gtlayout.serve.server import PORT, serve_label_studio
 
 
 def serve(

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
-import cv2
 import numpy as np
 import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.overlap import at_inverse_depth, image_motion, share_seen
 from gtlayout.importing.frame_extraction import sharpness
-from gtlayout.io.pixels.images import read_rgb
+from gtlayout.io.pixels.images import read_bgr
 from gtlayout.scene import FloatArray, Frame, Scene
 
 COUNT, MOST = 8, 12
@@ -145,7 +144,7 @@ def _usual_inverse_depth(scene: Scene) -> float:
 def _sharpness(frame: Frame) -> float | None:
     """None when the image cannot be read."""
     try:
-        return sharpness(cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR).astype(np.uint8, copy=False))
+        return sharpness(read_bgr(frame))
     except GtlayoutError:
         return None
 

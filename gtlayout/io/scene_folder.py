@@ -33,7 +33,7 @@ from gtlayout.io.choosing import (
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
 from gtlayout.io.units import SCENE_FILE, Unit, in_metres, read_unit
 from gtlayout.io.video_record import with_origins
-from gtlayout.scene import Frame, KeyFrame, Scene
+from gtlayout.scene import Scene
 
 CAMERA_READERS: tuple[Reader[PosedImages], ...] = (
     colmap.READER,
@@ -116,8 +116,13 @@ def scene_of(root: Path, cameras: PosedImages, annotations: Path | None, *, anno
     scene, without_image = _undrawn(root, cameras)
     place = root if annotations is None else named_path(root, annotations, "annotations")
     expected = annotated or annotations is not None
-    key_frames, warnings = _key_frames(place, scene.frames, without_image, expected)
-    return replace(scene, key_frames=key_frames, warnings=(*scene.warnings, *warnings))
+    raw, not_read = _read_annotations(place, expected)
+    if raw is None:
+        return replace(scene, warnings=(*scene.warnings, *not_read))
+    own_labels = read_label_file(_folder_of(place) / LABELS_FILE)
+    key_frames, warnings = build_key_frames(raw, scene.frames, without_image, own_labels)
+    warnings = [*scene.warnings, *not_read, *raw.warnings, *warnings]
+    return replace(scene, key_frames=key_frames, warnings=tuple(warnings), notes=raw.notes)
 
 
 def _undrawn(root: Path, cameras: PosedImages) -> tuple[Scene, Sequence[str]]:
@@ -126,18 +131,6 @@ def _undrawn(root: Path, cameras: PosedImages) -> tuple[Scene, Sequence[str]]:
     frames, origin_warnings = with_origins(root, frames)
     metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
     return Scene(root, frames, (), metric, (*cameras.warnings, *frame_warnings, *origin_warnings)), without_image
-
-
-def _key_frames(
-    place: Path, frames: Sequence[Frame], without_image: Sequence[str], annotated: bool
-) -> tuple[tuple[KeyFrame, ...], tuple[str, ...]]:
-    """What the annotations in the folder, file or zip ``place`` make of the frames, and warnings."""
-    raw, not_read = _read_annotations(place, annotated)
-    if raw is None:
-        return (), not_read
-    own_labels = read_label_file(_folder_of(place) / LABELS_FILE)
-    key_frames, warnings = build_key_frames(raw, frames, without_image, own_labels)
-    return key_frames, (*not_read, *raw.warnings, *warnings)
 
 
 def annotated_numbers(root: Path, annotations: Path) -> frozenset[int]:

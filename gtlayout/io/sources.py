@@ -109,6 +109,8 @@ class RawAnnotations:
     """Whether they are known to be some of a video's frames only."""
     listed: tuple[str, ...] = ()
     """Names of all images that the file lists, annotated or not, where it lists those, too."""
+    notes: tuple[str, ...] = ()
+    """What is left out because it is meant to be: proposals that nobody has confirmed, one line each kind."""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def predict(
 ) -> Prediction:
     """What ``camera`` sees of a layout: one plane and one extent for each instance, in the world of the camera."""
     inverse = [inverse_depth(plane, camera) for plane in planes]
-    amodal = tuple(_outline(extent, camera) for extent in extents)
+    amodal = tuple(outline(extent, camera) for extent in extents)
     shown = [i for i, region in enumerate(amodal) if not region.is_empty]
     hiding: dict[int, list[BaseGeometry]] = {i: [] for i in shown}
     for front, behind in permutations(shown, 2):
@@ -83,8 +83,8 @@ def occlusion_edges(
     )
 
 
-def _outline(extent: Extent, camera: Camera) -> MultiPolygon:
-    """An extent in the image, px."""
+def outline(extent: Extent, camera: Camera) -> MultiPolygon:
+    """An extent in the image, px, whatever hides it."""
     region: BaseGeometry = MultiPolygon()
     image = shapely.box(0, 0, camera.width, camera.height)
     for ring in project_rings(extent, camera):
@@ -96,20 +96,20 @@ def _outline(extent: Extent, camera: Camera) -> MultiPolygon:
 def _hiding(
     front: int,
     behind: int,
-    outline: MultiPolygon,
+    whole: MultiPolygon,
     inverse: Sequence[FloatArray],
     instances: Sequence[Instance],
 ) -> BaseGeometry:
-    """The part of the ``outline`` of instance ``front`` in which it hides what the image shows of ``behind``."""
+    """The part of the ``whole`` outline of instance ``front`` in which it hides what the image shows of ``behind``."""
     if instances[front].host == behind:
-        return outline
+        return whole
     nearer = inverse[front] - inverse[behind]
     if instances[behind].host == front or not np.isfinite(nearer).all():
         return MultiPolygon()
     # Two instances on one plane: the first is seen.
     if not nearer.any():
-        return outline if front < behind else MultiPolygon()
-    return outline.intersection(half_plane(nearer, outline))
+        return whole if front < behind else MultiPolygon()
+    return whole.intersection(half_plane(nearer, whole))
 
 
 def _jumps(

@@ -10,10 +10,9 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.polygons import polygons
+from gtlayout.proposals.outlines import GRID_PX
 from gtlayout.scene import FloatArray
 
-_GRID_PX = 2.0**-10
-"""Outlines are put on this grid, so that neighbours have the very same corners."""
 _BESIDE = 0.25
 """Share of a gap's boundary that a region must have to take it."""
 
@@ -39,7 +38,7 @@ def cover(
     closed = dict(regions)
     for gap in _gaps(regions, image, gap_px):
         at = np.append(shapely.get_coordinates(gap.representative_point())[0], 1.0)
-        shared = {i: gap.boundary.intersection(region.buffer(4 * _GRID_PX)).length for i, region in regions.items()}
+        shared = {i: gap.boundary.intersection(region.buffer(4 * GRID_PX)).length for i, region in regions.items()}
         beside = [i for i in regions if shared[i] >= _BESIDE * gap.boundary.length]
         if beside:
             behind = min(beside, key=lambda i: (float(at @ inverse_depths[i]), i))
@@ -51,15 +50,15 @@ def _gaps(regions: Mapping[int, MultiPolygon], image: Polygon, width_px: float) 
     free = polygons(image.difference(shapely.union_all(list(regions.values()))))
     with np.errstate(divide="ignore", invalid="ignore"):  # GEOS, where corners all but coincide
         inner = free.buffer(-width_px / 2, join_style="mitre")
-        wide = inner.buffer(width_px / 2 + _GRID_PX, join_style="mitre")
+        wide = inner.buffer(width_px / 2 + GRID_PX, join_style="mitre")
     return list(polygons(free.difference(wide)).geoms)
 
 
 def _simplified(regions: Mapping[int, MultiPolygon], image: Polygon, step_px: float) -> dict[int, MultiPolygon]:
     """Each chain of border from one junction to the next is simplified once, for the regions on both sides of it."""
     borders = [region.boundary for region in (*regions.values(), image)]
-    chains = shapely.get_parts(shapely.line_merge(shapely.union_all(borders, grid_size=_GRID_PX)))
-    straight = shapely.union_all(shapely.simplify(chains, step_px), grid_size=_GRID_PX)
+    chains = shapely.get_parts(shapely.line_merge(shapely.union_all(borders, grid_size=GRID_PX)))
+    straight = shapely.union_all(shapely.simplify(chains, step_px), grid_size=GRID_PX)
     faces = shapely.get_parts(shapely.polygonize([straight]))
     keys = list(regions)
     shares = np.array([shapely.area(shapely.intersection(faces, regions[i])) for i in keys]) / shapely.area(faces)

@@ -8,7 +8,7 @@ from typing import Literal
 
 from gtlayout.io.annotations import native
 from gtlayout.io.annotations.cvat.writer import write_cvat
-from gtlayout.io.annotations.drafts import Draft, on_shown_image
+from gtlayout.io.annotations.drafts import on_shown_image
 from gtlayout.io.annotations.label_studio.predictions import write_predictions
 from gtlayout.io.archives import archive_of
 from gtlayout.io.scene_folder import annotation_source
@@ -21,12 +21,6 @@ FILE_NAMES: dict[Tool, str] = {
     "cvat": "proposals_cvat.xml",
     "label-studio": "proposals_label_studio.json",
 }
-
-
-def draft_of(proposal: Proposal) -> Draft:
-    """The proposal as readers and writers know it."""
-    scores = {proposed.element.id: proposed.score for proposed in proposal.elements}
-    return Draft(proposal.key_frame(), scores)
 
 
 def write_proposals(
@@ -52,7 +46,7 @@ def write_proposals(
 
     Raises GtlayoutError when the file cannot be written; it is then as it was.
     """
-    drafts = [draft_of(proposal) for proposal in proposals]
+    drafts = [proposal.draft() for proposal in proposals]
     path = results / FILE_NAMES[tool]
     if tool == "label-studio":
         write_predictions(path, frames, drafts)
@@ -64,7 +58,7 @@ def write_proposals(
             index = draft.key_frame.frame
             shown[index], on_image = on_shown_image(draft, frames[index])
             key_frames.append(on_image.key_frame)
-        write_cvat(path, shown, key_frames)
+        write_cvat(path, shown, key_frames, proposed=True)
         return path
     source = annotation_source(root, annotations)
     if source is not None and source.reader is native.READER and archive_of(source.path) is None:

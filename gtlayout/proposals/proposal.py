@@ -7,6 +7,7 @@ from typing import Literal
 
 from shapely import MultiPolygon
 
+from gtlayout.io.annotations.drafts import Draft
 from gtlayout.scene import Element, FloatArray, KeyFrame
 
 EdgeKind = Literal["contact", "occlusion", "side", "open", "border"]
@@ -62,3 +63,7 @@ class Proposal:
     def key_frame(self) -> KeyFrame:
         """The same as if a person had drawn it."""
         return KeyFrame(self.frame, tuple(proposed.element for proposed in self.elements), self.occlusion_edges)
+
+    def draft(self) -> Draft:
+        """The same as readers and writers know it."""
+        return Draft(self.key_frame(), {proposed.element.id: proposed.score for proposed in self.elements})

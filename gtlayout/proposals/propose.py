@@ -12,12 +12,13 @@ from shapely import MultiPolygon
 
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.polygons import polygons
-from gtlayout.instances import Extent, Instance
-from gtlayout.prediction.predict import Prediction, occlusion_edges, predict
+from gtlayout.instances import Extent
+from gtlayout.prediction.predict import Prediction, occlusion_edges, outline, predict
 from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.cover import cover
 from gtlayout.proposals.edges import Surroundings, edges_of, with_snapped
 from gtlayout.proposals.fill import filled
+from gtlayout.proposals.outlines import GRID_PX, on_grid
 from gtlayout.proposals.proposal import Proposal, ProposedEdge, ProposedElement
 from gtlayout.proposals.seen import SeenInstance, nearby_extents, seen_instances, weights_in
 from gtlayout.proposals.snapping import image_lines, snap
@@ -83,7 +84,7 @@ class Proposer:
         image_area = shapely.box(0, 0, camera.width, camera.height)
         return Proposal(
             frame,
-            tuple(_element(i, outlines, edges[i], layout.instances) for i in outlines),
+            tuple(self._element(i, outlines, edges[i], weights, camera) for i in outlines),
             tuple(edge.points_px for edge in hidden),
             polygons(image_area.difference(shapely.union_all(structure))),
         )
@@ -121,7 +122,7 @@ class Proposer:
         if structure:
             structure = cover(structure, image, inverse, config.gap_px * scale, config.simplify_px * scale)
         openings = {
-            i: polygons(
+            i: on_grid(
                 shapely.simplify(
                     _without_crumbs(polygons(more[i].intersection(structure[instance.host])), camera, config),
                     config.simplify_opening_px * scale,
@@ -132,6 +133,29 @@ class Proposer:
         }
         both = structure | openings
         return {i: both[i] for i in sorted(both) if not both[i].is_empty}
+
+    def _element(
+        self,
+        index: int,
+        outlines: Mapping[int, MultiPolygon],
+        edges: tuple[ProposedEdge, ...],
+        weights: FloatArray,
+        camera: Camera,
+    ) -> ProposedElement:
+        """What is seen of it are the visible parts as the key frames show them, without openings."""
+        instances, seen = self.solution.instances, self.seen[index]
+        visible = MultiPolygon()
+        if seen is not None:
+            region = seen.visible(weights)
+            visible = outline(Extent(seen.frame, region, region), camera)
+            visible = polygons(shapely.simplify(visible, self.config.simplify_px * camera.annotation_scale))
+        openings = shapely.union_all([region for i, region in outlines.items() if instances[i].host == index])
+        free = shapely.difference(outlines[index], openings, grid_size=GRID_PX)
+        visible = on_grid(_without_crumbs(polygons(visible.intersection(free)), camera, self.config))
+        lengths = [float(np.hypot(*(edge.end_px - edge.start_px))) for edge in edges]
+        score = float(np.average([edge.confidence for edge in edges], weights=lengths))
+        element = Element(instances[index].name, instances[index].label, outlines[index], visible)
+        return ProposedElement(element, index, edges, score)
 
     def _nearest(self, weights: FloatArray) -> dict[int, Camera]:
         nearest = {}
@@ -150,18 +174,3 @@ def _without_crumbs(region: MultiPolygon, camera: Camera, config: ProposalConfig
         opened = region.buffer(-half, join_style="mitre").buffer(half, join_style="mitre").intersection(region)
     least = config.min_area * camera.width * camera.height
     return MultiPolygon([part for part in polygons(opened).geoms if part.area >= least])
-
-
-def _element(
-    index: int,
-    outlines: Mapping[int, MultiPolygon],
-    edges: tuple[ProposedEdge, ...],
-    instances: Sequence[Instance],
-) -> ProposedElement:
-    """What is seen of it is all but its openings; furniture, which may hide more, is not known."""
-    instance, outline = instances[index], outlines[index]
-    openings = shapely.union_all([region for i, region in outlines.items() if instances[i].host == index])
-    lengths = [float(np.hypot(*(edge.end_px - edge.start_px))) for edge in edges]
-    score = float(np.average([edge.confidence for edge in edges], weights=lengths))
-    visible = polygons(outline.difference(openings))
-    return ProposedElement(Element(instance.name, instance.label, outline, visible), index, edges, score)

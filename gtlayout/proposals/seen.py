@@ -10,15 +10,15 @@ import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.extent.consensus import Faces, contradicting, faces_of, tidy
+from gtlayout.extent.consensus import Faces, contradicting, faces_of, lift, tidy
 from gtlayout.extent.extents import ended, plane_frame
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.overlap import image_motion
 from gtlayout.geometry.plane_image import inverse_depth
-from gtlayout.geometry.polygons import grid_for, half_plane
+from gtlayout.geometry.polygons import grid_for, half_plane, polygons
 from gtlayout.instances import Extent, Instance, Member, Plane, PlaneFrame
 from gtlayout.proposals.config import FillConfig, ProposalConfig
-from gtlayout.scene import FloatArray, Scene
+from gtlayout.scene import FloatArray, KeyFrame, Scene
 from gtlayout.solution import Solution
 
 _WIDE_PX = 1e-3
@@ -36,6 +36,22 @@ class SeenInstance:
     """For each key frame where it shows something else, on or behind the plane; in ``frame``."""
     ends: dict[int, BaseGeometry]
     """By key frame that shows it: where it ends there and nothing nearer hides it, px lines."""
+    drawn: dict[int, tuple[MultiPolygon, MultiPolygon]]
+    """By key frame that shows it: all that is drawn of it, and the visible parts; in ``frame``."""
+
+    def visible(self, weights: FloatArray) -> MultiPolygon:
+        """Its visible parts, in ``frame``, by (K,) weights of the key frames; 0 = no say.
+
+        Furniture stands before other parts of a plane in other images, so the key frame with the most weight of those
+        that show the instance in a place decides there.
+        """
+        decided, seen = MultiPolygon(), MultiPolygon()
+        for k in sorted((k for k in self.drawn if weights[k] > 0), key=lambda k: (-weights[k], k)):
+            whole, part = self.drawn[k]
+            new = shapely.difference(part, decided, grid_size=self.faces.grid)
+            seen = polygons(shapely.union(seen, new, grid_size=self.faces.grid))
+            decided = polygons(shapely.union(decided, whole, grid_size=self.faces.grid))
+        return seen
 
 
 def seen_instances(solution: Solution, config: FillConfig) -> tuple[SeenInstance | None, ...]:
@@ -57,8 +73,26 @@ def seen_instances(solution: Solution, config: FillConfig) -> tuple[SeenInstance
         ends = {
             member[0]: _ends(scene, layout.instances, layout.planes, i, member, config) for member in instance.members
         }
-        found.append(SeenInstance(frame, faces, against, ends))
+        drawn = {}
+        for k in sorted(ends):
+            camera = scene.frame_of(k).camera
+            both = drawn_regions(scene.key_frames[k], [e for member_k, e in instance.members if member_k == k])
+            whole, part = (lift(region, plane, camera, frame, max_depth, extent) for region in both)
+            drawn[k] = whole, part
+        found.append(SeenInstance(frame, faces, against, ends, drawn))
     return tuple(found)
+
+
+def drawn_regions(key_frame: KeyFrame, members: Sequence[int]) -> tuple[BaseGeometry, BaseGeometry]:
+    """All that is drawn of some elements of a key frame, and their visible parts, px.
+
+    A key frame without any visible part says nothing of them: all of its elements are tracked as a whole.
+    """
+    elements = [key_frame.elements[e] for e in members]
+    whole = shapely.union_all([element.amodal for element in elements])
+    if all(element.visible.is_empty for element in key_frame.elements):
+        return whole, whole
+    return whole, shapely.union_all([element.visible for element in elements])
 
 
 def nearby_extents(solution: Solution, seen: Sequence[SeenInstance | None], weights: FloatArray) -> tuple[Extent, ...]:

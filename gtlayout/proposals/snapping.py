@@ -11,7 +11,7 @@ from shapely import MultiPolygon
 
 from gtlayout.geometry.polygons import homogeneous
 from gtlayout.proposals.config import SnapConfig
-from gtlayout.proposals.outlines import segments
+from gtlayout.proposals.outlines import GRID_PX, segments
 from gtlayout.scene import Camera, FloatArray, ImageArray
 
 Point = tuple[float, float]
@@ -136,7 +136,8 @@ def _corners(
         normals = lines[:, :2] * weights[:, None]
         step = -np.linalg.solve(lines[:, :2].T @ normals + _HOLD * np.eye(2), normals.T @ distance[0])
         if np.hypot(*step) <= furthest:
-            moved[corner] = (float(at[0] + step[0]), float(at[1] + step[1]))
+            x, y = np.round((at + step) / GRID_PX).tolist()
+            moved[corner] = (x / round(1 / GRID_PX), y / round(1 / GRID_PX))
     return moved
 
 

@@ -19,8 +19,8 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.cvat.reader import PROPOSED
 from gtlayout.io.annotations.labeling import label_config
+from gtlayout.io.annotations.tool_shapes import ToolShape, tool_shapes
 from gtlayout.proposals.order import next_frames
-from gtlayout.serve.shapes import ToolShape, tool_shapes
 from gtlayout.serve.solved_room import SolvedRoom
 from gtlayout.serve.solving import solve_folder
 
@@ -86,7 +86,7 @@ class LayoutFunction:
         if found.is_drawn:
             LOG.warning("%s: nothing is proposed, it is drawn already", context.frame_name)
             return []
-        shapes = tool_shapes(self._room.propose(found), found.view)
+        shapes = tool_shapes(self._room.propose(found).draft(), found.view)
         kept = [shape for shape in shapes if shape.score >= (context.conf_threshold or 0.0)]
         if not kept:
             LOG.warning(

@@ -18,16 +18,16 @@ from starlette.responses import JSONResponse
 from starlette.routing import Route
 
 from gtlayout.errors import GtlayoutError, one_line
+from gtlayout.io.annotations.label_studio.control_tags import control_tags
+from gtlayout.io.annotations.label_studio.predictions import nothing
 from gtlayout.io.annotations.labels import Kind, label_meanings
-from gtlayout.serve.control_tags import control_tags
-from gtlayout.serve.guard import HEADERS, problem
-from gtlayout.serve.predictions import nothing, predictions
+from gtlayout.serve.predictions import predictions
 from gtlayout.serve.solving import BackgroundSolves
 from gtlayout.version import __version__
 
 LOG = logging.getLogger(__name__)
 MAX_BODY = 1 << 26
-"""Bytes. Label Studio sends its tasks with all that is drawn on them."""
+"""Bytes of a request. Label Studio sends its tasks with all that is drawn on them."""
 EVENTS = (
     "ANNOTATION_CREATED",
     "ANNOTATIONS_CREATED",
@@ -67,14 +67,14 @@ class _Answers:
 
     async def health(self, _request: Request) -> JSONResponse:
         state = {"state": self._solves.state, "problem": self._solves.problem}
-        return _answer({"status": "UP", "model_class": "gtlayout", "model_version": self._version, **state})
+        return JSONResponse({"status": "UP", "model_class": "gtlayout", "model_version": self._version, **state})
 
     async def setup(self, request: Request) -> JSONResponse:
         """Refuses a configuration that nothing can be proposed for, so that Label Studio shows why."""
         data = await _body(request)
         control_tags(_text(data, "schema"), self._meanings)
         await run_in_threadpool(self._solves.refresh)
-        return _answer({"model_version": self._version})
+        return JSONResponse({"model_version": self._version})
 
     async def predict(self, request: Request) -> JSONResponse:
         data = await _body(request)
@@ -86,32 +86,27 @@ class _Answers:
         room = self._solves.room
         if room is None:
             LOG.warning("%d tasks: nothing is proposed, because nothing is drawn yet", len(tasks))
-            return _answer({"results": [nothing(NOTHING_DRAWN) for _ in tasks], "model_version": NOTHING_DRAWN})
+            return JSONResponse({"results": [nothing(NOTHING_DRAWN) for _ in tasks], "model_version": NOTHING_DRAWN})
         results = await run_in_threadpool(predictions, tasks, tags, room)
-        return _answer({"results": results, "model_version": room.version})
+        return JSONResponse({"results": results, "model_version": room.version})
 
     async def webhook(self, request: Request) -> JSONResponse:
         """The drawings that count are those of the scene folder: what the event says of them is left alone."""
         action = (await _body(request)).get("action")
         if action not in EVENTS:
-            return _answer({"status": "Unknown event"})
+            return JSONResponse({"status": "Unknown event"})
         changed = await run_in_threadpool(self._solves.refresh)
         result = "solving again" if changed or self._solves.is_solving else "no newer drawings in the scene folder"
         LOG.warning("%s: %s%s", action, result, "" if changed else "; export the annotations to it")
-        return _answer({"result": result, "status": "ok"}, 201)
+        return JSONResponse({"result": result, "status": "ok"}, 201)
 
 
 async def _body(request: Request) -> dict[str, Any]:
     kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/json":
         raise HTTPException(415, "the body must be application/json")
-    content = bytearray()
-    async for chunk in request.stream():
-        content += chunk
-        if len(content) > MAX_BODY:
-            raise HTTPException(413, f"the body has more than {MAX_BODY >> 20} MB: send fewer tasks at once")
     try:
-        data = json.loads(content)
+        data = json.loads(await request.body())
     except (ValueError, RecursionError) as error:
         raise GtlayoutError(f"the body is not valid JSON: {error}") from error
     if not isinstance(data, dict):
@@ -126,8 +121,9 @@ def _text(data: dict[str, Any], key: str) -> str:
     return value
 
 
-def _answer(data: dict[str, Any], status: int = 200) -> JSONResponse:
-    return JSONResponse(data, status, HEADERS)
+def problem(status: int, message: str) -> JSONResponse:
+    """What went wrong, as Label Studio shows it."""
+    return JSONResponse({"error": message}, status)
 
 
 def _refused(_request: Request, error: Exception) -> JSONResponse:

@@ -13,12 +13,11 @@ from pathlib import Path
 import uvicorn
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.guard import LOOPBACK, Admission, Credentials, Guard
 from gtlayout.io.annotations.labels import read_label_file
-from gtlayout.serve.guard import Credentials, Guard
-from gtlayout.serve.label_studio import backend
+from gtlayout.serve.label_studio import MAX_BODY, backend, problem
 from gtlayout.serve.solving import BackgroundSolves, drawings_stamp, labels_file, solve_folder
 
-LOOPBACK = "127.0.0.1"
 PORT = 9090
 """That of Label Studio's own backends."""
 USER, PASSWORD = "BASIC_AUTH_USER", "BASIC_AUTH_PASS"
@@ -59,7 +58,8 @@ def serve_label_studio(
             raise GtlayoutError(solves.problem)
         served_port = listening.getsockname()[1]
         names = {f"{name}:{served_port}" for name in (LOOPBACK, "localhost", "[::1]")} if is_loopback(host) else None
-        app = Guard(backend(solves, dict(read_label_file(labels_file(root, annotations)))), names, credentials)
+        own_labels = dict(read_label_file(labels_file(root, annotations)))
+        app = Guard(backend(solves, own_labels), Admission(MAX_BODY, names, credentials=credentials), problem)
         config = uvicorn.Config(
             app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=END_S
         )

@@ -7,14 +7,11 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
-import numpy as np
-
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.frame_names import FrameFinder
 from gtlayout.io.annotations.outlines import View
 from gtlayout.io.image_names import NameIndex
-from gtlayout.io.pixels.images import read_rgb
+from gtlayout.io.pixels.images import read_bgr
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
 from gtlayout.proposals.config import ProposalConfig
 from gtlayout.proposals.proposal import Proposal
@@ -77,7 +74,7 @@ class SolvedRoom:
     def _proposal(self, index: int) -> Proposal:
         frame = self.scene.frames[index]
         try:
-            image = cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR).astype(np.uint8, copy=False)
+            image = read_bgr(frame)
         except GtlayoutError as error:
             LOG.warning("%s: proposed without its pixels: %s", frame.name, error)
             image = None

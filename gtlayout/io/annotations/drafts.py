@@ -10,7 +10,7 @@ import shapely
 from shapely import MultiPolygon
 
 from gtlayout.io.annotations.outlines import View
-from gtlayout.scene import FloatArray, Frame, KeyFrame
+from gtlayout.scene import Frame, KeyFrame
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,11 @@ class Draft:
     """In pixels of the frame's pinhole camera."""
     scores: Mapping[str, float]
     """0 to 1, by element."""
+
+    @property
+    def score(self) -> float:
+        """The mean of its elements' scores; 0 for none."""
+        return float(np.mean(list(self.scores.values()))) if self.scores else 0.0
 
 
 def as_drawn(key_frame: KeyFrame, view: View) -> KeyFrame:
@@ -45,9 +50,3 @@ def on_shown_image(draft: Draft, frame: Frame) -> tuple[Frame, Draft]:
     width, height = view.shown_size
     shown = replace(frame, camera=replace(frame.camera, width=width, height=height))
     return shown, replace(draft, key_frame=as_drawn(draft.key_frame, view))
-
-
-def percent(points_px: FloatArray, size: tuple[int, int]) -> list[list[float]]:
-    """(N, 2) pixels of an image of (width, height) px in percent of its size."""
-    found: list[list[float]] = (points_px / np.array(size) * 100).tolist()
-    return found

@@ -71,7 +71,7 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        why = because([*annotations.warnings, *warnings] or ["nothing is drawn in it"], file)
+        why = because([*annotations.warnings, *annotations.notes, *warnings] or ["nothing is drawn in it"], file)
         raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")

@@ -40,7 +40,8 @@ def read_annotations(_root: Path, path: Path) -> RawAnnotations:
     key_frames = [_key_frame(frame, i, size, notes) for i, frame in enumerate(frames)]
     drafts = _list(data, DRAFTS, path.name, notes)
     left = f"{path.name}: {len(drafts)} frames are drafts, not used: only what a person confirmed counts"
-    return RawAnnotations(path, tuple(filter(None, key_frames)), (*notes.lines(path.name), *([left] if drafts else [])))
+    drawn = tuple(filter(None, key_frames))
+    return RawAnnotations(path, drawn, tuple(notes.lines(path.name)), notes=(left,) if drafts else ())
 
 
 def write_annotations(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:

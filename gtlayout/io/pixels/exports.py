@@ -11,7 +11,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import path_inside, read_json, write_atomic, write_json_atomic
-from gtlayout.io.pixels.images import MM_PER_UNIT, SATURATED, encoded, read_depth, read_rgb
+from gtlayout.io.pixels.images import MM_PER_UNIT, SATURATED, encoded, read_bgr, read_depth
 from gtlayout.io.pixels.registration import DepthMap
 from gtlayout.io.truth import FILE as TRUTH_FILE
 from gtlayout.scene import Frame, Scene
@@ -124,4 +124,4 @@ def _copy(source: Path, path: Path) -> None:
 
 
 def _encoded(frame: Frame, suffix: str, parameters: list[int]) -> bytes:
-    return encoded(suffix, cv2.cvtColor(read_rgb(frame), cv2.COLOR_RGB2BGR), parameters)
+    return encoded(suffix, read_bgr(frame), parameters)

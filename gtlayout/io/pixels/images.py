@@ -27,8 +27,12 @@ TIFF = (b"II*\0", b"MM\0*")
 
 def read_rgb(frame: Frame) -> ImageArray:
     """(H, W, 3) uint8 RGB, undistorted. Raises GtlayoutError when the file cannot be read or has the wrong size."""
-    bgr = _to_camera(stored_bgr(frame), frame, _source(frame), None)
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+    return cv2.cvtColor(read_bgr(frame), cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+def read_bgr(frame: Frame) -> ImageArray:
+    """The same in the order of channels that OpenCV's functions take."""
+    return _to_camera(stored_bgr(frame), frame, _source(frame), None).astype(np.uint8, copy=False)
 
 
 def encoded(suffix: str, image: npt.NDArray[Any], parameters: Sequence[int] = ()) -> bytes:

@@ -64,8 +64,8 @@ def read_cvat(_root: Path, path: Path) -> RawAnnotations:
     XML, or declares a document type or entities.
     """
     root = _parse(path)
-    sequence, notes = _sequence(root), Notes()
-    of_images = _images(root, sequence, notes)
+    sequence, notes, proposed = _sequence(root), Notes(), Notes()
+    of_images = _images(root, sequence, notes, proposed)
     of_tracks = _tracks(root, sequence, notes)
     listed = tuple(name for image in root.findall("image") if (name := _line(image.get("name", ""))))
     return RawAnnotations(
@@ -76,6 +76,7 @@ def read_cvat(_root: Path, path: Path) -> RawAnnotations:
         sequence.of_video,
         sequence.is_part_of_video,
         listed,
+        tuple(proposed.lines(path.name)),
     )
 
 
@@ -115,7 +116,7 @@ def _numbers(sequence: _Sequence, frame: int) -> tuple[int | None, int | None]:
     return sequence.number(frame), sequence.video_number(frame)
 
 
-def _images(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
+def _images(root: Node, sequence: _Sequence, notes: Notes, proposed: Notes) -> list[RawKeyFrame]:
     key_frames = []
     for image in root.findall("image"):
         name, size = _line(image.get("name", "")), (whole_number(image.get("width")), whole_number(image.get("height")))
@@ -125,7 +126,7 @@ def _images(root: Node, sequence: _Sequence, notes: Notes) -> list[RawKeyFrame]:
             )
             continue
         if any(node.tag == "tag" and node.get("label") == PROPOSED for node in image):
-            notes.add(f"image left out: its tag {PROPOSED!r} says that nobody has confirmed what is drawn", name)
+            proposed.add(f"image left out: its tag {PROPOSED!r} says that nobody has confirmed what is drawn", name)
             continue
         width, height = size
         annotated = (width, height) if width and height else None

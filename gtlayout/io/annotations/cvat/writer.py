@@ -10,17 +10,19 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element as Node
 from xml.etree.ElementTree import SubElement
 
+from gtlayout.io.annotations.cvat.reader import PROPOSED
 from gtlayout.io.annotations.labeling import label_config
 from gtlayout.io.annotations.masks import simple_rings
 from gtlayout.io.files import write_atomic
 from gtlayout.scene import FloatArray, Frame, KeyFrame
 
 
-def write_cvat(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame]) -> None:
+def write_cvat(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFrame], *, proposed: bool = False) -> None:
     """Write ``key_frames`` (indices into ``frames``), coordinates to 0.01 px as CVAT itself does.
 
     A polygon with holes is written as several without, which share the attribute ``id`` of their element: CVAT's
-    polygons have no holes, and its masks only whole pixels. Raises GtlayoutError when the file cannot be written.
+    polygons have no holes, and its masks only whole pixels. Images that are ``proposed`` are tagged so, and readers
+    leave them out. Raises GtlayoutError when the file cannot be written.
     """
     root = Node("annotations")
     _text(root, "version", "1.1")
@@ -29,6 +31,8 @@ def write_cvat(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFram
         frame = frames[key_frame.frame]
         size = {"width": str(frame.camera.width), "height": str(frame.camera.height)}
         image = SubElement(root, "image", {"id": str(key_frame.frame), "name": frame.name, **size})
+        if proposed:
+            SubElement(image, "tag", {"label": PROPOSED, "source": "manual"})
         for element in key_frame.elements:
             for ring in simple_rings(element.amodal):
                 _shape(image, "polygon", element.label, ring, {"id": element.id})
