@@ -39,7 +39,8 @@ def read_annotations(_root: Path, path: Path) -> RawAnnotations:
     notes = Notes()
     key_frames = [_key_frame(frame, i, size, notes) for i, frame in enumerate(frames)]
     drafts = _list(data, DRAFTS, path.name, notes)
-    left = f"{path.name}: {len(drafts)} frames are drafts, not used: only what a person confirmed counts"
+    are = "frame is a draft" if len(drafts) == 1 else "frames are drafts"
+    left = f"{path.name}: {len(drafts)} {are}, not used: only what a person confirmed counts"
     drawn = tuple(filter(None, key_frames))
     return RawAnnotations(path, drawn, tuple(notes.lines(path.name)), notes=(left,) if drafts else ())
 
