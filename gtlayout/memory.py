@@ -16,6 +16,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 T = TypeVar("T")
+_MISSING = object()
 
 
 class Memory:
@@ -44,9 +45,11 @@ class LastingMemory(Memory):
         """See ``Memory``. Raises TypeError for inputs of other types."""
         key = step, fingerprint(inputs)
         self._used.add(key)
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
+        # Another thread may forget in between, so the result is not looked up a second time.
+        kept = self._kept.get(key, _MISSING)
+        if kept is _MISSING:
+            kept = self._kept[key] = make()
+        return kept
 
     def forget_unused(self) -> None:
         """Drop what was not asked for since the last call."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import uvicorn
 from starlette.responses import PlainTextResponse
+from threadpoolctl import threadpool_limits
 
 from gtlayout.annotate.app import MAX_BODY, Pages, build_app
 from gtlayout.annotate.scene import open_scene
@@ -33,7 +34,8 @@ def annotate(root: Path, port: int, announce: Callable[[str], None], cameras: Pa
     Drawings go to ``annotations.json``, results of full solves to ``gtlayout`` in the folder. ``port`` 0 takes any free
     one. Raises GtlayoutError when the scene cannot be annotated, or the port is taken.
     """
-    with _listening(port) as listening:
+    # Quick and full solves run at a time, and each would set and restore the number of threads for both.
+    with threadpool_limits(limits=1, user_api="blas"), _listening(port) as listening:
         address, server, solver = prepared(root, listening, cameras)
         # uvicorn ends at both signals, and then raises them again for those who were there before it.
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)

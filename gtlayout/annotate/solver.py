@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from gtlayout.annotate.advice import Advice, advice, before_a_room
-from gtlayout.annotate.visible import off_plane_px, with_visible
 from gtlayout.api import save
 from gtlayout.errors import GtlayoutError, one_line
 from gtlayout.proposals.config import ProposalConfig
@@ -59,15 +58,9 @@ class Solved:
     """Those that were asked for, by frame."""
 
     def propose(self, frame: int, image: Callable[[], ImageArray]) -> Proposal:
-        """What would be drawn in a frame, index into the scene's, whose (H, W, 3) BGR pixels ``image`` gives.
-
-        Visible parts are proposed when some are drawn in other frames: without, whole elements are tracked in all.
-        """
+        """What would be drawn in a frame, index into the scene's, whose (H, W, 3) BGR pixels ``image`` gives."""
         if frame not in self._proposals:
-            bgr, key_frames = image(), self.solution.scene.key_frames
-            drawn = any(not element.visible.is_empty for one in key_frames for element in one.elements)
-            off_px = off_plane_px(self.solution, frame)
-            self._proposals[frame] = with_visible(self.proposer.propose(frame, bgr), bgr if drawn else None, off_px)
+            self._proposals[frame] = self.proposer.propose(frame, image())
         return self._proposals[frame]
 
 

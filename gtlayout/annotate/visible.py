@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +12,7 @@ from gtlayout.annotate.shapes import tidy
 from gtlayout.geometry.polygons import polygons
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.io.annotations.masks import mask_polygons
-from gtlayout.proposals.proposal import Proposal
-from gtlayout.scene import OPENINGS, Element, FloatArray, ImageArray
+from gtlayout.scene import FloatArray, ImageArray
 from gtlayout.solution import Solution
 from gtlayout.tracking.config import TrackingConfig
 
@@ -55,25 +52,6 @@ def textured_part(
     closed = cv2.morphologyEx(near, cv2.MORPH_CLOSE, kernel)
     textured = mask_polygons((closed > 0) & (off == 0) & (mask > 0))
     return tidy(polygons(shapely.simplify(textured, TIDY_PX)))
-
-
-def with_visible(proposal: Proposal, bgr: ImageArray | None, off_plane_px: FloatArray) -> Proposal:
-    """A proposal whose visible parts are the textured ones in the (H, W, 3) image; none at all without an image.
-
-    What a solved room shows of a plane is no visible part: furniture may hide it. See ``textured_part``.
-    """
-    gray = None if bgr is None else cv2.cvtColor(bgr, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False)
-    openings = [one.element.amodal for one in proposal.elements if one.element.label in OPENINGS]
-    before = polygons(shapely.union_all([MultiPolygon(), *openings]))
-
-    def seen(element: Element) -> MultiPolygon:
-        if gray is None:
-            return MultiPolygon()
-        hiding = MultiPolygon() if element.label in OPENINGS else before
-        return textured_part(gray, element.amodal, hiding, off_plane_px, TrackingConfig())
-
-    elements = (replace(one, element=replace(one.element, visible=seen(one.element))) for one in proposal.elements)
-    return replace(proposal, elements=tuple(elements))
 
 
 def off_plane_px(solution: Solution, frame: int) -> FloatArray:

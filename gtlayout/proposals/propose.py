@@ -142,10 +142,14 @@ class Proposer:
         weights: FloatArray,
         camera: Camera,
     ) -> ProposedElement:
-        """What is seen of it are the visible parts as the key frames show them, without openings."""
+        """What is seen of it are the visible parts as the key frames show them, without openings.
+
+        None, where no drawing has any: whole elements are tracked then, and those with visible parts would take over.
+        """
         instances, seen = self.solution.instances, self.seen[index]
         visible = MultiPolygon()
-        if seen is not None:
+        drawn = any(not one.visible.is_empty for key in self.solution.scene.key_frames for one in key.elements)
+        if seen is not None and drawn:
             region = seen.visible(weights)
             visible = outline(Extent(seen.frame, region, region), camera)
             visible = polygons(shapely.simplify(visible, self.config.simplify_px * camera.annotation_scale))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -33,7 +34,8 @@ _ARC_SEGMENTS = 2
 class Session:
     """A scene that is solved again after each change of its drawing.
 
-    A thread may call ``quick`` while another is in ``solve``; neither may be called twice at a time.
+    A thread may call ``quick`` while another is in ``solve``; no two solves in full run at a time. Two threads at once
+    keep their bytes when the process has one BLAS thread throughout: see ``threadpoolctl``.
     """
 
     def __init__(self, scene: Scene, config: Config | None = None) -> None:
@@ -41,6 +43,7 @@ class Session:
         self._config = config or Config()
         self._memory = LastingMemory()
         self._last: Solved | None = None
+        self._in_full = threading.Lock()
 
     def solve(self, key_frames: Sequence[KeyFrame]) -> Solution:
         """What ``gtlayout.solve`` gives for the scene with these drawings, to the last bit.
@@ -49,9 +52,10 @@ class Session:
         what they depend on is the same. Raises GtlayoutError as that does.
         """
         scene = replace(self._scene, key_frames=_in_order(key_frames))
-        solved = solve_with_memory(scene, self._config, self._memory)
-        self._memory.forget_unused()
-        self._last = solved
+        with self._in_full:
+            solved = solve_with_memory(scene, self._config, self._memory)
+            self._memory.forget_unused()
+            self._last = solved
         return solved.solution
 
     def quick(self, key_frames: Sequence[KeyFrame]) -> Solution:
