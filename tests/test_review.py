@@ -102,6 +102,19 @@ def test_a_shifted_edge(planted: dict[str, WrongDrawing], again: dict[str, Solut
     assert f"{apart_px.mean():.0f} px from where the planes meet" in finding.message
 
 
+@pytest.mark.parametrize(("max_sigma_px", "named"), [(5.0, True), (0.01, False)])
+def test_an_edge_of_what_one_drawing_shows_is_suspected_where_its_line_is_well_known(
+    planted: dict[str, WrongDrawing], again: dict[str, Solution], max_sigma_px: float, named: bool
+) -> None:
+    kind = f"edge shifted by {SHIFTS_PX[0]:.0f} px"
+    wrong, solution = planted[kind], again[kind]
+    counts = {member: len(one.members) for one in solution.instances for member in one.members}
+    elements = solution.scene.key_frames[wrong.key_frame].elements
+    assert 1 in {counts[wrong.key_frame, e] for e, element in enumerate(elements) if element.id in wrong.elements}
+    found = review(solution, ReviewConfig(max_alone_sigma_px=max_sigma_px))
+    assert any(one.kind == "edge" and one.element_id in wrong.elements for one in found) == named
+
+
 def test_a_deliberate_blank_is_neither_gap_nor_missing(
     planted: dict[str, WrongDrawing], again: dict[str, Solution]
 ) -> None:

@@ -20,6 +20,9 @@ class ReviewConfig:
     """Two elements with this IoU are taken for one that was drawn twice."""
     min_distance_px: float = 6.0
     """A contact edge is wrong from this distance on …"""
+    max_alone_sigma_px: float = 5.0
+    """σ of a line up to which its edge is judged where one of the two instances is drawn only there: its plane rests on
+    the tracks of this drawing, and those may lie on furniture. By judgement, from one false alarm (10 px)."""
     min_z: float = 3.0
     """… if that is also more than so many σ of the line and of drawing together."""
     sigma_drawn_px: float = 2.5

@@ -26,6 +26,9 @@ def contact_findings(solution: Solution, matches: Sequence[KeyFrameMatch], confi
         z = contact.distance_px / float(np.hypot(contact.sigma_px, config.sigma_drawn_px))
         if z <= config.min_z or contact.distance_px <= config.min_distance_px:
             continue
+        alone = any(len(solution.instances[i].members) < 2 for i in contact.instances)
+        if alone and contact.sigma_px > config.max_alone_sigma_px:
+            continue
         k = contact.key_frame
         elements = [scene.key_frames[k].elements[element_of[k, i]] for i in contact.instances]
         front = _front(solution, by_key_frame[k], contact, config)
