@@ -21,6 +21,7 @@ from gtlayout.cli.app import main
 from gtlayout.geometry.depth import with_sigma_depth
 from gtlayout.observer import Observer
 from gtlayout.results.layout_format import layout_schema
+from gtlayout.review.review import review
 
 ROOT = Path(__file__).parents[1]
 USER_SCRIPT = '''
@@ -103,12 +104,15 @@ def test_a_solution_can_be_taken_for_its_layout(example: dict[str, Any]) -> None
 
 
 def test_what_is_saved_is_what_the_command_line_writes(example: dict[str, Any], tmp_path: Path) -> None:
-    saved, folder = example["folder"] / "gtlayout", example["folder"]
-    assert main(["solve", str(folder), "--out", str(tmp_path)]) == 0
-    assert sorted(file.name for file in saved.iterdir()) == sorted(file.name for file in tmp_path.iterdir())
-    for file in sorted(saved.iterdir()):
-        if file.name != "timings.json":
-            assert (tmp_path / file.name).read_bytes() == file.read_bytes(), file.name
+    """The example saves no findings, and neither has a file of them."""
+    written, saved = tmp_path / "written", tmp_path / "saved"
+    assert main(["solve", str(example["folder"]), "--out", str(written)]) == 0
+    gtlayout.save(example["solution"], saved, review(example["solution"]))
+    for folder, missing in ((saved, set()), (example["folder"] / "gtlayout", {"review.json"})):
+        names = {file.name for file in folder.iterdir()}
+        assert names == {file.name for file in written.iterdir()} - missing
+        for name in sorted(names - {"timings.json"}):
+            assert (folder / name).read_bytes() == (written / name).read_bytes(), name
 
 
 def test_sigma_of_depth_is_read_back_and_only_in_metres(example: dict[str, Any]) -> None:
