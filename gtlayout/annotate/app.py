@@ -25,7 +25,7 @@ from gtlayout.annotate.visible import off_plane_px, textured_part
 from gtlayout.annotate.wire import proposal_json, room_json, state_json
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.pixels.images import encoded, read_rgb
+from gtlayout.io.pixels.images import encoded, read_bgr
 from gtlayout.scene import LABELS, OPENINGS, Element, ImageArray, KeyFrame, Scene
 from gtlayout.tracking.config import TrackingConfig
 
@@ -161,7 +161,7 @@ class Pages:
         return next((one.elements for one in key_frames if one.frame == frame), ())
 
     def _read_bgr(self, frame: int) -> ImageArray:
-        return cv2.cvtColor(read_rgb(self.scene.frames[frame]), cv2.COLOR_RGB2BGR).astype(np.uint8, copy=False)
+        return read_bgr(self.scene.frames[frame])
 
     def _shrunk(self, frame: int) -> ImageArray:
         image = self._read_bgr(frame)
@@ -188,13 +188,8 @@ class Pages:
 
     @staticmethod
     async def _body(request: Request) -> Entry:
-        body = bytearray()
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > MAX_BODY:
-                raise HTTPException(413, f"more than {MAX_BODY >> 20} MB")
         try:
-            data = json.loads(body)
+            data = json.loads(await request.body())
         except (ValueError, RecursionError) as error:
             raise HTTPException(400, "the request is not valid JSON") from error
         if not isinstance(data, dict):
