@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
+from gtlayout.accuracy import Accuracy
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage, render
@@ -30,6 +31,11 @@ class Layout:
     """True when world units are metres."""
     dimensions: tuple[Dimension, ...] = ()
     """Heights and widths of the room."""
+    accuracies: tuple[Accuracy, ...] = ()
+    """Of each instance, over its whole extent; empty where nobody asked for them."""
+    inferred: tuple[Extent, ...] = ()
+    """What closes the room where nobody looked, in the order of the instances and in the frames of ``extents``: a layer
+    of its own, of which nothing was seen. Empty where nobody asked for it."""
 
     def mesh(self) -> trimesh.Trimesh:
         """``triangles`` as a trimesh, with label colours on its faces.
