@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from gtlayout.accuracy import UPPER_ENDS_M
 from gtlayout.correspondence.config import CorrespondenceConfig
 from gtlayout.edges import EdgeConfig
 from gtlayout.errors import GtlayoutError
@@ -48,6 +49,11 @@ class Config:
     restart_share: float = 0.8
     """Random share of the tracks that each solve after the first uses."""
 
+    loa: int = 20
+    """The level of accuracy that surfaces and dimensions are held against: 10, 20, 30 or 40."""
+
     def __post_init__(self) -> None:
         if self.restarts < 1 or self.seed < 0:
             raise GtlayoutError(f"restarts must be at least 1 and seed at least 0, not {self.restarts} and {self.seed}")
+        if self.loa not in UPPER_ENDS_M:
+            raise GtlayoutError(f"a level of accuracy is 10, 20, 30 or 40, not {self.loa}")

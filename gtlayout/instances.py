@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from gtlayout.accuracy import Accuracy
 from gtlayout.scene import FloatArray, IntArray, Label
 
 Member = tuple[int, int]
@@ -185,19 +186,58 @@ class Mesh:
         return cls(np.empty((0, 3)), np.empty((0, 3), dtype=np.int64), np.empty(0, dtype=np.int64))
 
 
+DimensionKind = Literal["height", "width", "opening width", "opening height", "sill"]
+
+
 @dataclass(frozen=True)
 class Dimension:
-    """The distance of two instances that face each other."""
+    """A length in the room: of two instances that face each other, or of a door or window."""
 
     first: int
-    """Index of an instance: the floor, of a height."""
+    """Index of an instance: the floor, of a height or a sill; the door or window, of its own width and height."""
     second: int
-    """Index of the instance opposite."""
-    kind: Literal["height", "width"]
-    """Floor to ceiling, or wall to wall."""
+    """Index of the instance opposite; the window, of a sill; the same as ``first`` of a width or height of its own."""
+    kind: DimensionKind
+    """Floor to ceiling, wall to wall, of a door or window, or of a window's lower edge over the floor."""
     length: float
     """World unit."""
     sigma: float
-    """σ of the length, world unit; from the joint covariance of both planes."""
+    """σ of the length, world unit; from the joint covariance of all planes, and what drawing leaves."""
     ends_world: FloatArray
-    """(2, 3) where it is measured: a point on each plane."""
+    """(2, 3) where it is measured: a point on each."""
+    accuracy: Accuracy | None = None
+    """Its level of accuracy; None where nobody asked."""
+
+
+@dataclass(frozen=True)
+class NextMeasurement:
+    """The dimension to measure by hand next."""
+
+    dimension: int
+    """Index of the dimension."""
+    within: int
+    """Dimensions that are as accurate as wanted now."""
+    reached: int
+    """… and would be then. Both are 0 where the scene has no unit yet, which the measurement gives it."""
+    of: int
+    """Dimensions in all."""
+
+
+QuantityKind = Literal["floor area", "net wall area", "volume"]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An area or a volume."""
+
+    kind: QuantityKind
+    """Wall area is without doors and windows; volume is floor area times the height to the ceiling."""
+    instances: tuple[int, ...]
+    """Indices of the floors or walls that it is of; of a volume the floor and its ceiling."""
+    amount: float
+    """World units, squared or cubed. Of what was seen."""
+    sigma: float
+    """Its σ, in the same unit."""
+    closed: bool
+    """Whether the outline ends at other surfaces all around; if not, the amount is of what was seen, and at least so
+    much."""

@@ -11,7 +11,8 @@ from gtlayout.accuracy import Accuracy
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage, render
-from gtlayout.instances import Dimension, Extent, Instance, Mesh, Plane
+from gtlayout.instances import Dimension, Extent, Instance, Mesh, NextMeasurement, Plane, Quantity
+from gtlayout.measurement import Checked, Scale
 from gtlayout.mesh import vertex_sigma
 from gtlayout.scene import Camera
 
@@ -30,9 +31,17 @@ class Layout:
     metric: bool
     """True when world units are metres."""
     dimensions: tuple[Dimension, ...] = ()
-    """Heights and widths of the room."""
+    """Heights and widths of the room, and what doors and windows measure."""
     accuracies: tuple[Accuracy, ...] = ()
     """Of each instance, over its whole extent; empty where nobody asked for them."""
+    quantities: tuple[Quantity, ...] = ()
+    """Areas and volumes."""
+    scale: Scale | None = None
+    """Of the given cameras, where measurements or the scene tell it; planes and cameras are in metres then."""
+    measurements: tuple[Checked, ...] = ()
+    """What was measured by hand, beside what everything else says."""
+    next_measurement: NextMeasurement | None = None
+    """The dimension to measure by hand next; None when all are as accurate as wanted."""
     inferred: tuple[Extent, ...] = ()
     """What closes the room where nobody looked, in the order of the instances and in the frames of ``extents``: a layer
     of its own, of which nothing was seen. Empty where nobody asked for it."""

@@ -17,12 +17,14 @@ from gtlayout.camera_errors.propagate import camera_response
 from gtlayout.camera_errors.wording import camera_error_lines
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
-from gtlayout.edges import contact_edges
-from gtlayout.extent.dimensions import room_dimensions
+from gtlayout.dimensions.solved_room import SolvedRoom
+from gtlayout.dimensions.take import take_dimensions
+from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import with_sigma_depth
-from gtlayout.instances import Extent
+from gtlayout.instances import Extent, Instance
 from gtlayout.layout import Layout
+from gtlayout.measured.fuse import as_measured, fuse
 from gtlayout.memory import Memory
 from gtlayout.mesh import build_mesh
 from gtlayout.observer import Observer, Stages
@@ -30,7 +32,7 @@ from gtlayout.planes.estimate import Estimate
 from gtlayout.planes.estimation import estimate
 from gtlayout.prepared.canonical import canonical
 from gtlayout.prepared.measurements import Prepared
-from gtlayout.quality.assess import assess
+from gtlayout.quality.assess import Quality, assess
 from gtlayout.regrouping.regroup import regroup
 from gtlayout.scene import Camera, Scene, shrunk
 from gtlayout.solution import Solution, best_of
@@ -59,7 +61,11 @@ def solve(
     Raises ``GtlayoutError`` when the scene cannot be solved. The result is deterministic in ``scene`` and ``config`` on
     one kind of processor. Between processors with AVX2 planes differ by less than 1e-9, and all decisions are the same.
     """
-    return solve_with_memory(scene, config or Config(), Memory(), observer, restarts).solution
+    config, stage = config or Config(), Stages(observer or Observer())
+    with threadpool_limits(limits=1, user_api="blas"):
+        solution = with_measurements(solve_with_memory(scene, config, Memory(), stage, restarts).solution, stage)
+    stage.observer.solved(solution.layout, solution.quality, solution.estimate)
+    return solution
 
 
 @dataclass(frozen=True)
@@ -71,16 +77,16 @@ class Solved:
 
 
 def solve_with_memory(
-    scene: Scene, config: Config, memory: Memory, observer: Observer | None = None, restarts: range | None = None
+    scene: Scene, config: Config, memory: Memory, stage: Stages, restarts: range | None = None
 ) -> Solved:
-    """As ``solve``, with what ``memory`` keeps of earlier solves of the scene, and with what is needed to go on."""
-    stage = Stages(observer or Observer())
+    """As ``solve``, from the video alone: with what ``memory`` keeps of earlier solves of the scene, and with what is
+    needed to go on.
+    """
     # OpenBLAS sums in another order with each number of threads. The same bytes need one thread.
     with threadpool_limits(limits=1, user_api="blas"):
         prepared, first = regrouped(prepare(scene, config, stage, memory), config, stage)
         run = partial(_run, prepared, first, config, stage)
         solution = best_of(run, range(config.restarts) if restarts is None else restarts)
-    stage.observer.solved(solution.layout, solution.quality, solution.estimate)
     return Solved(prepared, solution)
 
 
@@ -206,22 +212,14 @@ def lay_out(
     Extents that are ``known``, by the index of their instance, stay, and of those ``drawn_before`` what is drawn.
     Quality is judged on images that are smaller by the factor ``shrink``.
     """
-    stage = stage or Stages()
-    scene, instances = prepared.given_scene, prepared.given_instances
+    scene = prepared.given_scene
     estimated = solved.to_world(prepared.form.similarity, prepared.form.anchor)
-    planes = with_sigma_depth(scene, instances, estimated.planes)
-    with stage("extents"):
-        extents = compute_extents(
-            scene, instances, planes, prepared.edges, config.extent, estimated.contact_offsets, known
-        )
-    with stage("mesh"):
-        mesh = build_mesh(instances, extents)
-    with stage("quality"):
-        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality)
-    dimensions = room_dimensions(instances, planes, extents, estimated.covariance)
+    found = Found(prepared.given_instances, prepared.edges, estimated)
+    stage = stage or Stages()
+    layout, quality = _laid_out(scene, found, config, stage, known, drawn_before, shrink)
     return Solution(
         scene=replace(scene, warnings=(*scene.warnings, *prepared.warnings, *estimated.warnings)),
-        layout=Layout(instances, planes, extents, mesh, scene.metric, dimensions),
+        layout=layout,
         quality=quality,
         tracks=prepared.given_tracks,
         track_instance=prepared.track_instance,
@@ -232,6 +230,79 @@ def lay_out(
         cameras=prepared.cameras,
         config=config,
     )
+
+
+def with_measurements(solution: Solution, stage: Stages | None = None) -> Solution:
+    """The solution with what was measured in the room by hand, and with the σ of its scale: see ``gtlayout.measured``.
+
+    The same when nothing was measured and nobody doubts the scale.
+    """
+    stage, layout = stage or Stages(), solution.layout
+    with stage("measurements"):
+        room = SolvedRoom(solution.scene, layout.instances, layout.planes, layout.extents)
+        fused, warnings = fuse(room, solution.estimate)
+    if fused is not None:
+        found = Found(layout.instances, solution.edges, fused.estimate)
+        layout, quality = _laid_out(fused.scene, found, solution.config, stage)
+        solution = replace(
+            solution,
+            scene=fused.scene,
+            layout=replace(
+                layout,
+                dimensions=as_measured(layout.instances, layout.dimensions, fused.checked, solution.config.loa),
+                scale=fused.scale,
+                measurements=fused.checked,
+            ),
+            quality=quality,
+            estimate=fused.estimate,
+        )
+        if solution.new_cameras:
+            stage.observer.cameras(fused.scene)
+    return replace(solution, scene=replace(solution.scene, warnings=(*solution.scene.warnings, *warnings)))
+
+
+@dataclass(frozen=True)
+class Found:
+    """What stages 5 to 7 start from, in the given world."""
+
+    instances: tuple[Instance, ...]
+    edges: tuple[ContactEdge, ...]
+    estimate: Estimate
+
+
+def _laid_out(
+    scene: Scene,
+    found: Found,
+    config: Config,
+    stage: Stages,
+    known: Mapping[int, Extent] | None = None,
+    drawn_before: Mapping[int, Extent] | None = None,
+    shrink: float = 1.0,
+) -> tuple[Layout, Quality]:
+    instances = found.instances
+    planes = with_sigma_depth(scene, instances, found.estimate.planes)
+    with stage("extents"):
+        extents = compute_extents(
+            scene, instances, planes, found.edges, config.extent, found.estimate.contact_offsets, known, drawn_before
+        )
+    with stage("mesh"):
+        mesh = build_mesh(instances, extents)
+    with stage("quality"):
+        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality)
+        room = SolvedRoom(scene, instances, planes, extents)
+        measured = take_dimensions(room, found.estimate.covariance, config.loa)
+    layout = Layout(
+        instances,
+        planes,
+        extents,
+        mesh,
+        scene.metric,
+        measured.dimensions,
+        accuracies=measured.accuracies,
+        quantities=measured.quantities,
+        next_measurement=measured.next_measurement,
+    )
+    return layout, quality
 
 
 def regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:

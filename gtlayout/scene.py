@@ -20,6 +20,7 @@ import shapely
 from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.measurement import Measurement
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -192,6 +193,10 @@ class Scene:
     """What the readers skipped or repaired, one line each."""
     notes: tuple[str, ...] = field(default=())
     """What else there is to know, and is in order: drawings that are left out because they are meant to be."""
+    measurements: tuple[Measurement, ...] = ()
+    """What was measured in the room by hand."""
+    scale_sigma_share: float | None = None
+    """σ of the scale of the cameras' path, as a share of it; None = nobody said."""
 
     def frame_of(self, key_frame: int) -> Frame:
         """The frame that key frame number ``key_frame`` annotates."""
@@ -204,6 +209,15 @@ class Scene:
                 f"{self.root}: no element is annotated in any frame, so there is nothing to reconstruct: draw the "
                 "surfaces of at least one frame"
             )
+
+
+def scaled(scene: Scene, factor: float) -> Scene:
+    """The scene in metres: ``factor`` is how many a unit of it is. Everything but camera positions stays."""
+    frames = tuple(
+        replace(frame, camera=replace(frame.camera, t_cam_from_world=factor * frame.camera.t_cam_from_world))
+        for frame in scene.frames
+    )
+    return replace(scene, frames=frames, metric=True)
 
 
 def shrunk(scene: Scene, factor: float) -> Scene:

@@ -49,8 +49,9 @@ class Solution:
 
     @property
     def new_cameras(self) -> bool:
-        """Whether the scene's cameras are not those given, but corrected or refined."""
-        return self.camera_doubt.corrected or (self.cameras is not None and self.cameras.refined)
+        """Whether the scene's cameras are not those given, but corrected, refined or in metres by a measurement."""
+        in_metres = self.layout.scale is not None and self.layout.scale.factor != 1.0
+        return in_metres or self.camera_doubt.corrected or (self.cameras is not None and self.cameras.refined)
 
     @property
     def planes(self) -> tuple[Plane, ...]:

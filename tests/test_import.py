@@ -17,7 +17,6 @@ from videos import cvat_video, write_video
 from gtlayout.cli.app import main
 from gtlayout.config import Config
 from gtlayout.importing import importing
-from gtlayout.importing.metric_scale import scaled
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.cameras.colmap.reader import write_colmap
 from gtlayout.io.pixels.images import read_depth, read_gray, read_rgb
@@ -25,7 +24,7 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
-from gtlayout.scene import LABELS, Scene
+from gtlayout.scene import LABELS, Scene, scaled
 from gtlayout.synth import SynthConfig, synthesize
 
 

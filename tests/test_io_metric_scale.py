@@ -14,13 +14,13 @@ import pytest
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.known_distance import scale_from_distance
-from gtlayout.importing.metric_scale import SparseDepths, scale_from_depth, scaled, sparse_depths
+from gtlayout.importing.metric_scale import SparseDepths, scale_from_depth, sparse_depths
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.pixels.images import read_depth
 from gtlayout.io.pixels.turn import TURNS
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.scene import FloatArray, Frame, Scene
+from gtlayout.scene import FloatArray, Frame, Scene, scaled
 
 METRES_PER_UNIT = 2.7
 POINTS = 200

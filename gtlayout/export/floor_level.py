@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 import shapely
 
+from gtlayout.dimensions.facing import MAX_ANGLE_DEG
 from gtlayout.errors import GtlayoutError
-from gtlayout.extent.dimensions import MAX_ANGLE_DEG
 from gtlayout.instances import PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Label, Scene

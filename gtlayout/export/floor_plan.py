@@ -140,6 +140,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
             one.kind, (names[one.first], names[one.second]), one.length, one.sigma, frame.to_plane(one.ends_world)
         )
         for one in layout.dimensions
+        if one.kind == "height" or one.kind == "width"  # noqa: PLR1714 mypy narrows only these
     )
     return FloorPlan(frame, level, tuple(cut), tuple(openings.values()), outlines, dimensions, layout.metric)
 

@@ -14,7 +14,7 @@ from gtlayout.importing.image_list import list_images
 from gtlayout.importing.key_frame_choice import choose_key_frames, points_by_image
 from gtlayout.importing.key_frame_files import LIST, SHEET, write_key_frame_files
 from gtlayout.importing.known_distance import scale_from_distance
-from gtlayout.importing.metric_scale import Scale, scale_from_depth, scaled, sparse_depths
+from gtlayout.importing.metric_scale import Scale, scale_from_depth, sparse_depths
 from gtlayout.importing.structure_from_motion import reconstruct
 from gtlayout.io.cameras.colmap.reader import READER as COLMAP
 from gtlayout.io.cameras.colmap.reader import model_images, open_model, posed_images
@@ -25,7 +25,7 @@ from gtlayout.io.scene_folder import annotated_numbers, load_scene, read_cameras
 from gtlayout.io.video_record import write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
-from gtlayout.scene import Frame, Scene
+from gtlayout.scene import Frame, Scene, scaled
 
 
 @dataclass(frozen=True)

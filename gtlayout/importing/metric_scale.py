@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import cv2
@@ -15,7 +15,7 @@ import pycolmap
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import path_inside
 from gtlayout.io.pixels.images import MM_PER_UNIT, SATURATED, decode
-from gtlayout.scene import BoolArray, FloatArray, Scene
+from gtlayout.scene import BoolArray, FloatArray
 
 MIN_POINTS = 30
 """Least number of points with a measured depth."""
@@ -101,15 +101,6 @@ def scale_from_depth(observations: Sequence[SparseDepths], path: Path) -> Scale:
     apart = f", which differ by {between:.1%}" if len(medians) > 1 else ""
     how = f"{len(every)} points with a depth in {sum(map(bool, map(len, ratios)))} depth maps{apart}"
     return Scale(math.exp(float(np.median(every))), sigma, how)
-
-
-def scaled(scene: Scene, factor: float) -> Scene:
-    """The scene in metres: ``factor`` is how many a unit of it is. Everything but camera positions stays."""
-    frames = tuple(
-        replace(frame, camera=replace(frame.camera, t_cam_from_world=factor * frame.camera.t_cam_from_world))
-        for frame in scene.frames
-    )
-    return replace(scene, frames=frames, metric=True)
 
 
 def _maps(observations: Sequence[SparseDepths], path: Path) -> list[tuple[SparseDepths, Path]]:

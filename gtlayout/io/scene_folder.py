@@ -30,6 +30,8 @@ from gtlayout.io.choosing import (
     sources_in,
     the_one,
 )
+from gtlayout.io.measurements import FILE as MEASUREMENTS_FILE
+from gtlayout.io.measurements import read_measurements
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
 from gtlayout.io.units import SCENE_FILE, Unit, in_metres, read_unit
 from gtlayout.io.video_record import with_origins
@@ -72,21 +74,26 @@ def load_scene(
 
     ScanNet and phone scans are metric. Most formats do not state their unit. Their scenes count as metric when
     depth maps come with them (they are millimetres), else not. ``scene.json`` overrules both: see
-    ``gtlayout.io.units``.
+    ``gtlayout.io.units``. ``measurements.json`` holds what was measured by hand: see ``gtlayout.io.measurements``.
 
     Raises GtlayoutError, one line that names the file, when something is missing, ambiguous or cannot be repaired.
     ``Scene.warnings`` lists what was repaired or skipped.
     """
     posed, unit = _posed(root, cameras)
-    scene = scene_of(root, posed, annotations, annotated=annotated)
-    return scene if unit.metric is None else replace(scene, metric=unit.metric)
+    scene = _in_unit(scene_of(root, posed, annotations, annotated=annotated), unit)
+    return replace(scene, measurements=read_measurements(root / MEASUREMENTS_FILE, scene.frames))
 
 
 def load_undrawn(root: Path, cameras: Path | None = None) -> Scene:
     """The scene without key frames, whatever is drawn; arguments and errors as for ``load_scene``."""
     posed, unit = _posed(root, cameras)
     scene, _ = _undrawn(root, posed)
-    return scene if unit.metric is None else replace(scene, metric=unit.metric)
+    return _in_unit(scene, unit)
+
+
+def _in_unit(scene: Scene, unit: Unit) -> Scene:
+    metric = scene.metric if unit.metric is None else unit.metric
+    return replace(scene, metric=metric, scale_sigma_share=unit.scale_sigma_share)
 
 
 def _posed(root: Path, cameras: Path | None) -> tuple[PosedImages, Unit]:

@@ -17,18 +17,33 @@ from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.glb import glb_bytes
 from gtlayout.export.ply import ply_bytes
-from gtlayout.instances import Dimension, EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
+from gtlayout.instances import EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
 from gtlayout.io.files import json_text, read_json, write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
+from gtlayout.results.dimension_rows import (
+    accuracy_row,
+    dimension_rows,
+    measurement_rows,
+    next_row,
+    numbers,
+    quantity_rows,
+    read_accuracy,
+    read_dimension,
+    read_measurement,
+    read_next,
+    read_quantity,
+    read_scale,
+    scale_row,
+)
 from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
 from gtlayout.results.names import LOG_FILE, REPORT_FILE, REVIEW_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text
 from gtlayout.results.review_file import review_text
 from gtlayout.review.findings import Finding
-from gtlayout.scene import LABELS, FloatArray, Scene
+from gtlayout.scene import LABELS, Scene
 from gtlayout.version import __version__
 
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
@@ -99,18 +114,29 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
         names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
         parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
-        dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
         mesh = _read_mesh(data["mesh"], names)
+        instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
+        return Layout(
+            instances,
+            planes,
+            extents,
+            mesh,
+            metric,
+            dimensions=tuple(read_dimension(row, names) for row in data["dimensions"]),
+            accuracies=tuple(read_accuracy(row["accuracy"]) for row in data["instances"]),
+            quantities=tuple(read_quantity(row, names) for row in data["quantities"]),
+            scale=read_scale(data["scale"]),
+            measurements=tuple(read_measurement(row) for row in data["measurements"]),
+            next_measurement=read_next(data["next_measurement"], len(data["dimensions"])),
+        )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
-    instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
-    return Layout(instances, planes, extents, mesh, metric, dimensions)
 
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> LayoutFile:
     rows: list[InstanceRow] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
-    for instance, plane, extent, judged in parts:
+    for number, (instance, plane, extent, judged) in enumerate(parts):
         rows.append(
             {
                 "name": instance.name,
@@ -139,6 +165,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "unrefined": extent.frame.rings_to_world(extent.unrefined),
                     "unknown_area": extent.unknown_area,
                 },
+                "accuracy": accuracy_row(layout.accuracies[number] if layout.accuracies else None),
                 "iou": judged.iou,
                 "verdict": judged.verdict,
                 "reason": judged.reason,
@@ -151,6 +178,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "seed": config.seed,
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
+        "loa": config.loa,
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); "
         "world frame of the input cameras; vertex_sigma along the normal, the largest of the instances that share "
         "the vertex",
@@ -159,16 +187,11 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "predicted": quality.predicted,
         "sigma_depth_share": quality.sigma_depth_share,
         "instances": rows,
-        "dimensions": [
-            {
-                "kind": dimension.kind,
-                "between": [layout.instances[i].name for i in (dimension.first, dimension.second)],
-                "length": dimension.length,
-                "sigma": dimension.sigma,
-                "ends": dimension.ends_world,
-            }
-            for dimension in layout.dimensions
-        ],
+        "dimensions": dimension_rows(layout),
+        "quantities": quantity_rows(layout),
+        "scale": scale_row(layout),
+        "measurements": measurement_rows(layout),
+        "next_measurement": next_row(layout),
         "mesh": {
             "vertices": layout.triangles.vertices,
             "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
@@ -201,18 +224,18 @@ def _read_instance(
     plane = row["plane"]
     if row["label"] not in LABELS:
         raise ValueError(f"unknown label {row['label']!r}")
-    frame = PlaneFrame(_numbers(row["extent"]["origin"]).reshape(3), _numbers(row["extent"]["axes"]).reshape(2, 3))
+    frame = PlaneFrame(numbers(row["extent"]["origin"]).reshape(3), numbers(row["extent"]["axes"]).reshape(2, 3))
     return (
         instance,
         Plane(
-            _numbers(plane["normal"]).reshape(3),
-            float(_numbers(plane["d"])),
-            _numbers(plane["covariance"]).reshape(4, 4),
+            numbers(plane["normal"]).reshape(3),
+            float(numbers(plane["d"])),
+            numbers(plane["covariance"]).reshape(4, 4),
             bool(plane["observable"]),
             plane["note"],
             _read_support(plane["support"]),
-            float(_numbers(plane["sigma_depth"])) if metric else np.nan,
-            _numbers(plane["anchor"]).reshape(3),
+            float(numbers(plane["sigma_depth"])) if metric else np.nan,
+            numbers(plane["anchor"]).reshape(3),
         ),
         Extent(
             frame,
@@ -228,35 +251,22 @@ def _read_support(row: dict[str, Any]) -> Support:
         raise ValueError(f"unknown support {row['dominant_evidence']!r}")
     return Support(
         tracks=int(row["tracks"]),
-        survived=float(_numbers(row["survived"])),
-        parallax_deg=float(_numbers(row["parallax_deg"])),
-        outvoted=float(_numbers(row["outvoted"])),
+        survived=float(numbers(row["survived"])),
+        parallax_deg=float(numbers(row["parallax_deg"])),
+        outvoted=float(numbers(row["outvoted"])),
         contact_edges=int(row["contact_edges"]),
-        edge_px=float(_numbers(row["edge_px"])),
+        edge_px=float(numbers(row["edge_px"])),
         dominant_evidence=row["dominant_evidence"],
     )
-
-
-def _read_dimension(row: dict[str, Any], names: list[str]) -> Dimension:
-    if row["kind"] not in ("height", "width"):
-        raise ValueError(f"unknown kind of dimension {row['kind']!r}")
-    first, second = (names.index(name) for name in row["between"])
-    length, sigma = float(_numbers(row["length"])), float(_numbers(row["sigma"]))
-    return Dimension(first, second, row["kind"], length, sigma, _numbers(row["ends"]).reshape(2, 3))
 
 
 def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
     faces = np.array(data["faces"], dtype=np.int64).reshape(-1, 3)
     owners = np.array([names.index(name) for name in data["face_instance"]], dtype=np.int64)
-    vertices = _numbers(data["vertices"]).reshape(-1, 3)
+    vertices = numbers(data["vertices"]).reshape(-1, 3)
     if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
         raise ValueError("the mesh's faces do not fit its vertices or instances")
     return Mesh(vertices, faces, owners)
-
-
-def _numbers(value: Any) -> FloatArray:
-    """An array in which JSON's null is NaN."""
-    return np.asarray(value, dtype=object).astype(np.float64)
 
 
 def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:

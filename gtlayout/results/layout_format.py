@@ -8,15 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal, TypedDict
 
-from gtlayout.instances import Support
+from gtlayout.accuracy import Status
+from gtlayout.instances import DimensionKind, QuantityKind, Support
 from gtlayout.io.files import json_text
 from gtlayout.io.json_schema import OrNull, Schema, Shape, schema_of
+from gtlayout.measurement import MeasuredKind
 from gtlayout.quality.headline import Word
 from gtlayout.quality.measures import Prediction, Verdict
 from gtlayout.scene import FloatArray, IntArray, Label
 
-Format = Literal["gtlayout-layout/4"]
-FORMAT: Format = "gtlayout-layout/4"
+Format = Literal["gtlayout-layout/5"]
+FORMAT: Format = "gtlayout-layout/5"
 
 _NUMBER_OR_NULL = {"type": ["number", "null"]}
 NumberOrNull = Annotated[float, OrNull()]
@@ -55,6 +57,30 @@ class PlaneRow(TypedDict):
     """σ of the depth at the centroid of the largest element, world unit."""
 
 
+class AccuracyRow(TypedDict):
+    """How accurate it is represented, against the level of accuracy that was asked for."""
+
+    error_95_m: NumberOrNull
+    """It is off by at most so much with a probability of 95 %, metres; null where that is not known."""
+    level: int
+    """The finest level (USIBD LOA) that it reaches: 40, 30, 20 or 10; 0 when it reaches none."""
+    status: Status
+    """As accurate as asked, less, not known, or never seen."""
+
+
+class NextMeasurementRow(TypedDict):
+    """The dimension to measure by hand next."""
+
+    dimension: int
+    """Its place in the list of dimensions, from 0 on."""
+    within: int
+    """Dimensions that are as accurate as asked now."""
+    reached: int
+    """And would be then. Both are 0 where the scene has no unit yet, which the measurement gives it."""
+    of: int
+    """Dimensions in all."""
+
+
 class ExtentRow(TypedDict):
     """The finite part of the plane that the instance covers."""
 
@@ -84,6 +110,8 @@ class InstanceRow(TypedDict):
     """The elements that show it, at most one per key frame."""
     plane: PlaneRow
     extent: ExtentRow
+    accuracy: AccuracyRow
+    """Of its surface, over the whole extent."""
     iou: NumberOrNull
     """Mean reprojection IoU over the key frames that show it."""
     verdict: Verdict
@@ -94,18 +122,60 @@ class InstanceRow(TypedDict):
 
 
 class DimensionRow(TypedDict):
-    """The distance of two instances that face each other."""
+    """A length in the room: of two instances that face each other, or of a door or window."""
 
-    kind: Literal["height", "width"]
-    """Floor to ceiling, or wall to wall."""
+    kind: DimensionKind
+    """Floor to ceiling, wall to wall, of a door or window, or of a window's lower edge over the floor."""
     between: Annotated[list[str], Shape((2,), {"type": "string"})]
-    """Names of both instances; of a height the floor first."""
+    """Names of both instances, of a height or sill the floor first; a door or window twice for its own width or
+    height."""
     length: float
     """World unit."""
     sigma: NumberOrNull
-    """σ of the length, world unit; from the joint covariance of both planes."""
+    """σ of the length, world unit; from the joint covariance of all planes, and what drawing leaves."""
     ends: Annotated[FloatArray, Shape((2, 3))]
-    """Where it is measured: a point on each plane."""
+    """Where it is measured: a point on each."""
+    accuracy: AccuracyRow
+
+
+class QuantityRow(TypedDict):
+    """An area or a volume, of what was seen."""
+
+    kind: QuantityKind
+    """Wall area is without doors and windows; volume is floor area times the height to the ceiling."""
+    of: list[str]
+    """Names of the floors or walls; of a volume the floor and its ceiling."""
+    amount: float
+    """World units, squared or cubed."""
+    sigma: NumberOrNull
+    """In the same unit."""
+    closed: bool
+    """Whether its outline ends at other surfaces all around; if not, the room has at least so much."""
+
+
+class ScaleRow(TypedDict):
+    """Metres in a unit of the given cameras, by what was measured. The file is in metres."""
+
+    factor: float
+    sigma_share: float
+    """σ of the factor, as a share of it."""
+
+
+class MeasurementRow(TypedDict):
+    """What was measured by hand, beside what everything else says. Lengths in metres, angles in degrees."""
+
+    kind: MeasuredKind
+    of: list[str]
+    """Names of the instances, when it was measured."""
+    value: float
+    sigma: float
+    assumed: bool
+    """Taken for granted and not measured."""
+    predicted: NumberOrNull
+    """By the video and all other measurements."""
+    predicted_sigma: NumberOrNull
+    used: bool
+    """False when it contradicts them."""
 
 
 class MeshRow(TypedDict):
@@ -141,6 +211,8 @@ class LayoutFile(TypedDict):
     """True when the world unit is the metre."""
     unit: Literal["m", "scene unit"]
     """Of all lengths."""
+    loa: int
+    """The level of accuracy that everything is held against."""
     convention: str
     """Signs, frames and the meaning of σ, in words."""
     headline: HeadlineRow
@@ -153,7 +225,15 @@ class LayoutFile(TypedDict):
     """Predicted σ of depth as a share of the depth: mean over all drawn pixels, 1 where nothing is known."""
     instances: list[InstanceRow]
     dimensions: list[DimensionRow]
-    """Heights and widths of the room."""
+    """Heights and widths of the room, and what doors and windows measure."""
+    quantities: list[QuantityRow]
+    """Areas and volumes."""
+    scale: ScaleRow | None
+    """Null where nothing was measured and nobody doubts the scale."""
+    measurements: list[MeasurementRow]
+    """What was measured by hand."""
+    next_measurement: NextMeasurementRow | None
+    """Null when all dimensions are as accurate as asked."""
     mesh: MeshRow
 
 

@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from gtlayout.config import Config
 from gtlayout.edges import contact_edges
 from gtlayout.memory import LastingMemory
-from gtlayout.method import Solved, lay_out, solve_with_memory
+from gtlayout.method import Solved, lay_out, solve_with_memory, with_measurements
 from gtlayout.observer import Observer, Stages
 from gtlayout.planes.estimation import estimate
 from gtlayout.scene import FloatArray, KeyFrame, Scene
@@ -53,10 +53,10 @@ class Session:
         """
         scene = replace(self._scene, key_frames=_in_order(key_frames))
         with self._in_full:
-            solved = solve_with_memory(scene, self._config, self._memory)
+            solved = solve_with_memory(scene, self._config, self._memory, Stages())
             self._memory.forget_unused()
             self._last = solved
-        return solved.solution
+        return _measured(solved)
 
     def quick(self, key_frames: Sequence[KeyFrame]) -> Solution:
         """Nearly what ``solve`` gives, from the last solution on: what changed since, and what depends on it.
@@ -78,7 +78,7 @@ class Session:
         with threadpool_limits(limits=1, user_api="blas"):
             solved = self._again(last, redrawing)
         self._last = solved
-        return solved.solution
+        return _measured(solved)
 
     def _again(self, last: Solved, redrawing: Redrawing) -> Solved:
         stage = Stages(Observer())
@@ -122,6 +122,12 @@ class Session:
             )
             stay, refined_again = change.kept_extents()
         return Solved(prepared, lay_out(prepared, solved, config, stage, stay, refined_again, _SHRINK))
+
+
+def _measured(solved: Solved) -> Solution:
+    """The solution with what was measured by hand; the next solve goes on from that without."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        return with_measurements(solved.solution)
 
 
 def _in_order(key_frames: Sequence[KeyFrame]) -> tuple[KeyFrame, ...]:

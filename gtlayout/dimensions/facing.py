@@ -1,4 +1,4 @@
-"""Heights and widths of a room with their σ, from the joint covariance of its planes."""
+"""Distances between surfaces that face each other: heights and widths of a room."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Literal
 import numpy as np
 import shapely
 
+from gtlayout.dimensions.measurable import Measurable
 from gtlayout.geometry.rays import depth_on_plane
-from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame, propagated_sigma
+from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import FloatArray, Label
 
 MAX_ANGLE_DEG = 10.0
@@ -22,40 +23,47 @@ _KINDS: dict[frozenset[Label], Literal["height", "width"]] = {
     frozenset({"floor", "ceiling"}): "height",
     frozenset({"wall"}): "width",
 }
+Taken = tuple[Dimension, Measurable]
+"""A dimension, its σ not yet known, and what that follows from."""
 
 
-def room_dimensions(
-    instances: Sequence[Instance], planes: Sequence[Plane], extents: Sequence[Extent], covariance: FloatArray
-) -> tuple[Dimension, ...]:
+def distances(instances: Sequence[Instance], planes: Sequence[Plane], extents: Sequence[Extent]) -> list[Taken]:
     """Every distance from a floor to a ceiling and from a wall to a wall that face each other; observable planes only.
 
     Two instances face each other when their normals are opposite within ``MAX_ANGLE_DEG``, each lies in front of the
     other, and their extents overlap in the direction that bisects them. The distance is taken in that direction,
     through the overlap's centroid: for parallel planes it is the distance, for others the mean of the distances of each
     end from the other plane, divided by the cosine of half their angle.
-
-    Args:
-        covariance: (4S, 4S) joint covariance of all planes in the world, about their anchor.
     """
     found = []
     for i, j in combinations(range(len(instances)), 2):
-        labels = frozenset({instances[i].label, instances[j].label})
-        if labels not in _KINDS or not (planes[i].observable and planes[j].observable):
-            continue
+        kind = _KINDS.get(frozenset({instances[i].label, instances[j].label}))
         a, b = (j, i) if instances[j].label == "floor" else (i, j)
-        if planes[a].normal @ planes[b].normal > -np.cos(np.deg2rad(MAX_ANGLE_DEG)):
-            continue
-        across = planes[a].normal - planes[b].normal
-        across /= np.linalg.norm(across)
-        middle = _middle_of_overlap(extents[a], extents[b], across)
-        if middle is None:
-            continue
-        ends, gradients = zip(*(_hit(planes[k], middle, across) for k in (a, b)), strict=True)
-        length = float((ends[1] - ends[0]) @ across)
-        if length > 0:
-            sigma = _sigma(covariance, (a, b), (-gradients[0], gradients[1]))
-            found.append(Dimension(a, b, _KINDS[labels], length, sigma, np.stack(ends)))
-    return tuple(found)
+        if kind and (taken := distance_between(planes, extents, a, b, kind)):
+            found.append(taken)
+    return found
+
+
+def distance_between(
+    planes: Sequence[Plane], extents: Sequence[Extent], a: int, b: int, kind: Literal["height", "width"]
+) -> Taken | None:
+    """The distance of two instances, as in ``distances``; None when they do not face each other."""
+    if not (planes[a].observable and planes[b].observable):
+        return None
+    if planes[a].normal @ planes[b].normal > -np.cos(np.deg2rad(MAX_ANGLE_DEG)):
+        return None
+    across = planes[a].normal - planes[b].normal
+    across /= np.linalg.norm(across)
+    middle = _middle_of_overlap(extents[a], extents[b], across)
+    if middle is None:
+        return None
+    ends, gradients = zip(*(_hit(planes[k], middle, across) for k in (a, b)), strict=True)
+    length = float((ends[1] - ends[0]) @ across)
+    if length <= 0:
+        return None
+    gradient = np.zeros(4 * len(planes))
+    gradient[4 * a : 4 * a + 4], gradient[4 * b : 4 * b + 4] = -gradients[0], gradients[1]
+    return Dimension(a, b, kind, length, np.nan, np.stack(ends)), Measurable(length, gradient)
 
 
 def _middle_of_overlap(first: Extent, second: Extent, across: FloatArray) -> FloatArray | None:
@@ -83,10 +91,3 @@ def _hit(plane: Plane, point: FloatArray, across: FloatArray) -> tuple[FloatArra
     facing = float(plane.normal @ across)
     hit = point + depth_on_plane(plane.normal @ point + plane.d, np.array(facing)) * across
     return hit, -np.append(hit - plane.anchor, 1.0) / facing
-
-
-def _sigma(covariance: FloatArray, surfaces: tuple[int, int], gradients: tuple[FloatArray, FloatArray]) -> float:
-    """σ of t_second − t_first, cross terms included."""
-    rows = np.concatenate([np.arange(4 * s, 4 * s + 4) for s in surfaces])
-    gradient = np.concatenate(gradients)
-    return float(propagated_sigma(gradient, covariance[np.ix_(rows, rows)]))

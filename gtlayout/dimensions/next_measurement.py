@@ -1,0 +1,56 @@
+"""Which dimension to measure by hand next: the one after which most others are known well enough."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gtlayout.accuracy import accuracy_of
+from gtlayout.dimensions.facing import Taken
+from gtlayout.instances import NextMeasurement
+from gtlayout.scene import BoolArray, FloatArray
+
+TAPE_SIGMA_M = 0.003
+"""σ of a length measured with a tape or a laser."""
+_LEAST_GAIN = 1e-9
+
+
+def next_measurement(
+    taken: Sequence[Taken], covariance: FloatArray, wanted_loa: int, metric: bool
+) -> NextMeasurement | None:
+    """The dimension whose measurement brings most dimensions to the wanted level; None when all are there.
+
+    Among equals the one that makes all together most certain. Where the unit of the scene is not known, the dimension
+    that is known best as a share of itself: it gives the scene its unit with the smallest σ.
+
+    Args:
+        covariance: (4S, 4S) joint covariance of all planes, about their anchor.
+    """
+    known = [i for i, (_, measured) in enumerate(taken) if np.isfinite(measured.sigma(covariance))]
+    if not known:
+        return None
+    if not metric:
+        best = min(known, key=lambda i: taken[i][1].sigma(covariance) / taken[i][1].value)
+        return NextMeasurement(best, 0, 0, len(taken))
+    gradients = np.stack([taken[i][1].gradient for i in known])
+    drawn = np.array([taken[i][1].drawn_sigma for i in known]) ** 2
+    rows = np.nonzero(gradients.any(axis=0))[0]
+    joint = gradients[:, rows] @ covariance[np.ix_(rows, rows)] @ gradients[:, rows].T
+    before = np.diag(joint) + drawn
+    within = _within(before, wanted_loa)
+    if within.all():
+        return None
+    # (measured, of): what is drawn of a door or window is its own, and no other measurement tells it.
+    after = before - joint**2 / (before + TAPE_SIGMA_M**2)[:, None]
+    own = np.arange(len(known))
+    after[own, own] = before * TAPE_SIGMA_M**2 / (before + TAPE_SIGMA_M**2)
+    # Rounded: of dimensions that differ by nothing but rounding the first is proposed.
+    gains = np.round(np.log(before / np.maximum(after, _LEAST_GAIN * before)).sum(axis=1), 6)
+    reached = np.array([_within(each, wanted_loa).sum() for each in after])
+    chosen = max(own.tolist(), key=lambda i: (reached[i], gains[i]))
+    return NextMeasurement(known[chosen], int(within.sum()), int(reached[chosen]), len(taken))
+
+
+def _within(variances: FloatArray, wanted_loa: int) -> BoolArray:
+    return np.array([accuracy_of(float(np.sqrt(v)), wanted_loa).status == "within" for v in variances], dtype=bool)

@@ -1,0 +1,152 @@
+"""Planes and scale, given what was measured by hand.
+
+The planes after the video are normally distributed, with the joint covariance of stage 4, which also holds what no
+factor of the graph does: wrong cameras, and the weights of the solve. So measurements join after the solve, as one
+factor each on that distribution; the logarithm of the scale is one more unknown. The posterior is in closed form:
+measurements of lengths are linear in it up to terms of second order.
+
+Reference for the test: each measurement against its prediction by all others and the video, from the inverse of the
+residuals' covariance, as Baarda's data snooping in geodesy ("A testing procedure for use in geodetic networks", 1968).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.dimensions.measurable import Measurable
+from gtlayout.measurement import Checked, Measurement
+from gtlayout.scene import BoolArray, FloatArray
+
+SURE = 2.576
+"""A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
+_TIE = 1.05
+"""Nothing tells which of two measurements is wrong when they are nearly as far off as each other."""
+_NO_SCALE = 10.0
+"""σ of the logarithm of a scale of which nothing is known."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What planes and scale are, given the measurements."""
+
+    moved: FloatArray
+    """(4S,) by how much each plane's (normal, normal · anchor + d) moves, in the units of the given world."""
+    scale: float
+    """Metres in a unit of the world."""
+    covariance: FloatArray
+    """(4S + 1, 4S + 1) of the planes, and of the logarithm of the scale; NaN for planes that are not placed."""
+    checked: tuple[Checked, ...]
+
+
+def condition(
+    covariance: FloatArray,
+    measurements: Sequence[Measurement],
+    measurables: Sequence[Measurable],
+    scale_sigma_share: float | None,
+) -> Posterior | None:
+    """Planes and scale given measurements.
+
+    Measurements that contradict the video and all others are found one by one, the worst first, and not used. Where two
+    contradict each other and nothing else tells which is wrong, neither is used.
+
+    Args:
+        covariance: (4S, 4S) joint covariance of all planes, NaN for those that are not placed.
+        measurables: What each measurement is of, at the planes as they are.
+        scale_sigma_share: σ of the scale as a share of it; None when the unit of the world is not known.
+
+    Returns:
+        None when the unit is not known and no measurement that is used tells it.
+    """
+    lengths = np.array([one.kind != "angle" for one in measurements], dtype=bool)
+    used = np.ones(len(measurements), dtype=bool)
+    prior = _prior(covariance, scale_sigma_share)
+    rows, noise, residual = _linearised(measurements, measurables, lengths, len(prior))
+    known = np.isfinite(np.diag(prior))
+    prior_known, rows = prior[np.ix_(known, known)], rows[:, known]
+    spread = rows @ prior_known @ rows.T + np.diag(noise)
+    start = 0.0
+    while True:
+        if scale_sigma_share is None:
+            if not (lengths & used).any():
+                return None
+            start = float(np.median(residual[lengths & used]))
+        off = residual - start * lengths
+        predicted, sigma = _left_out(spread, off, used)
+        deviations = np.abs(off - predicted) / sigma
+        worst = _contradicting(np.where(used, deviations, 0.0))
+        if not worst.any():
+            break
+        used &= ~worst
+    gain = np.zeros((len(prior_known), len(measurements)))
+    gain[:, used] = np.linalg.solve(spread[np.ix_(used, used)], rows[used] @ prior_known).T
+    moved = np.zeros(len(prior))
+    moved[known] = gain @ off
+    posterior = np.full_like(prior, np.nan)
+    after = prior_known - gain @ rows @ prior_known
+    posterior[np.ix_(known, known)] = (after + after.T) / 2
+    scale = float(np.exp(start + moved[-1]))
+    checked = tuple(
+        _checked(one, measurables[i], start * lengths[i] + predicted[i], sigma[i], noise[i], bool(used[i]))
+        for i, one in enumerate(measurements)
+    )
+    return Posterior(moved[:-1], scale, posterior, checked)
+
+
+def _prior(covariance: FloatArray, scale_sigma_share: float | None) -> FloatArray:
+    """(4S + 1, 4S + 1) with the logarithm of the scale."""
+    prior = np.zeros((len(covariance) + 1,) * 2)
+    prior[:-1, :-1] = covariance
+    prior[-1, -1] = (_NO_SCALE if scale_sigma_share is None else scale_sigma_share) ** 2
+    return prior
+
+
+def _linearised(
+    measurements: Sequence[Measurement], measurables: Sequence[Measurable], lengths: BoolArray, unknowns: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(M, 4S + 1) derivatives, (M,) variances and residuals: of the logarithm of lengths, of angles in radians."""
+    rows, noise, residual = [], [], []
+    for one, of, is_length in zip(measurements, measurables, lengths, strict=True):
+        if is_length:
+            rows.append(np.append(of.gradient / of.value, 1.0))
+            noise.append((one.sigma / one.value) ** 2 + (of.drawn_sigma / of.value) ** 2)
+            residual.append(np.log(one.value / of.value))
+        else:
+            rows.append(np.append(of.gradient, 0.0))
+            noise.append(np.deg2rad(one.sigma) ** 2)
+            residual.append(np.deg2rad(one.value) - of.value)
+    return np.array(rows).reshape(-1, unknowns), np.array(noise), np.array(residual)
+
+
+def _left_out(spread: FloatArray, residual: FloatArray, used: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """(M,) each residual as all others that are used predict it, and the σ of the difference."""
+    predicted, sigma = np.zeros(len(residual)), np.zeros(len(residual))
+    for i in range(len(residual)):
+        others = used.copy()
+        others[i] = False
+        by = np.linalg.solve(spread[np.ix_(others, others)], spread[others, i]) if others.any() else np.empty(0)
+        predicted[i] = by @ residual[others]
+        sigma[i] = np.sqrt(max(spread[i, i] - by @ spread[others, i], 1e-30))
+    return predicted, sigma
+
+
+def _contradicting(deviations: FloatArray) -> BoolArray:
+    """(M,) the one that is furthest off, of those too far; with it those as far."""
+    worst = deviations.max(initial=0.0)
+    chosen: BoolArray = (deviations > SURE) & (deviations * _TIE >= worst)
+    return chosen
+
+
+def _checked(
+    measurement: Measurement, of: Measurable, residual: float, sigma: float, noise: float, used: bool
+) -> Checked:
+    """``residual`` is what everything else says beyond ``of``, ``sigma`` that of both, ``noise`` its own part."""
+    of_prediction = float(np.sqrt(max(sigma**2 - noise, 0.0)))
+    if sigma > _NO_SCALE / 2:
+        return Checked(measurement, np.nan, np.nan, used)
+    if measurement.kind == "angle":
+        return Checked(measurement, float(np.rad2deg(of.value + residual)), float(np.rad2deg(of_prediction)), used)
+    length = of.value * float(np.exp(residual))
+    return Checked(measurement, length, length * of_prediction, used)

@@ -1,0 +1,83 @@
+"""What people measured in a room by hand: with a tape, a laser or a set square. Plain data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+MeasuredKind = Literal["between", "width", "height", "sill", "angle", "points"]
+MarkedPoint = tuple[tuple[str, tuple[float, float]], ...]
+"""Names of frames, and the pixel of the point in their pinhole image."""
+
+
+@dataclass(frozen=True)
+class ElementName:
+    """An element as people know it."""
+
+    image: str
+    """File name of the key frame's image."""
+    element: str
+    """The annotator's id in that key frame."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A length or an angle of one or two instances, or the distance of two points."""
+
+    kind: MeasuredKind
+    """The distance between two that face each other; the width, height or sill of a door or window; the angle that the
+    normals of two make; the distance of two points that are marked in images."""
+    instances: tuple[str, ...]
+    """Names in the solved layout: two of a distance or angle, none of points, else one."""
+    value: float
+    """Metres; degrees of an angle."""
+    sigma: float
+    """Its σ, in the same unit."""
+    elements: tuple[ElementName | None, ...] = ()
+    """An element of each instance, by which it is found when instances are numbered anew; None = by its name."""
+    points: tuple[MarkedPoint, ...] = ()
+    """Two, of a distance of points."""
+    assumed: bool = False
+    """Taken for granted and not measured: the height of a door leaf."""
+
+    @property
+    def name(self) -> str:
+        """``floor_0 – ceiling_0``, ``width of door_0``."""
+        if self.kind == "points":
+            return f"two points in {self.points[0][0][0]}" if self.points else "two points"
+        if self.kind in ("between", "angle"):
+            of = " – ".join(self.instances)
+            return of if self.kind == "between" else f"angle {of}"
+        return f"{self.kind} of {self.instances[0]}"
+
+    @property
+    def unit(self) -> str:
+        """Of value and σ."""
+        return "°" if self.kind == "angle" else "m"
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A measurement beside what the video and the other measurements say."""
+
+    measurement: Measurement
+    predicted: float
+    """Without this measurement, in its unit; in a scene whose unit only this one knows, NaN."""
+    predicted_sigma: float
+    used: bool
+    """False when it contradicts them."""
+
+    @property
+    def deviations(self) -> float:
+        """How far it lies from the prediction, in σ of both together; NaN when nothing else predicts it."""
+        both = (self.predicted_sigma**2 + self.measurement.sigma**2) ** 0.5
+        return abs(self.measurement.value - self.predicted) / both
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Metres in a unit of the given cameras, as measurements tell."""
+
+    factor: float
+    sigma_share: float
+    """σ of the factor, as a share of it."""

@@ -1,0 +1,160 @@
+"""What a room measures, as rows of layout.json: dimensions, quantities, measurements by hand, levels of accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, get_args
+
+import numpy as np
+
+from gtlayout.accuracy import UPPER_ENDS_M, Accuracy, Status
+from gtlayout.instances import Dimension, DimensionKind, NextMeasurement, Quantity, QuantityKind
+from gtlayout.layout import Layout
+from gtlayout.measurement import Checked, MeasuredKind, Measurement, Scale
+from gtlayout.results.layout_format import (
+    AccuracyRow,
+    DimensionRow,
+    MeasurementRow,
+    NextMeasurementRow,
+    QuantityRow,
+    ScaleRow,
+)
+from gtlayout.scene import FloatArray
+
+_NOT_TAKEN = Accuracy(np.nan, 0, "insufficient evidence")
+
+
+def accuracy_row(accuracy: Accuracy | None) -> AccuracyRow:
+    """One level of accuracy; nothing is known where nobody asked."""
+    of = accuracy or _NOT_TAKEN
+    return {"error_95_m": of.error_95_m, "level": of.level, "status": of.status}
+
+
+def dimension_rows(layout: Layout) -> list[DimensionRow]:
+    """One row a dimension."""
+    return [
+        {
+            "kind": one.kind,
+            "between": [layout.instances[i].name for i in (one.first, one.second)],
+            "length": one.length,
+            "sigma": one.sigma,
+            "ends": one.ends_world,
+            "accuracy": accuracy_row(one.accuracy),
+        }
+        for one in layout.dimensions
+    ]
+
+
+def quantity_rows(layout: Layout) -> list[QuantityRow]:
+    """One row an area or a volume."""
+    return [
+        {
+            "kind": one.kind,
+            "of": [layout.instances[i].name for i in one.instances],
+            "amount": one.amount,
+            "sigma": one.sigma,
+            "closed": one.closed,
+        }
+        for one in layout.quantities
+    ]
+
+
+def measurement_rows(layout: Layout) -> list[MeasurementRow]:
+    """One row a measurement by hand."""
+    return [
+        {
+            "kind": one.measurement.kind,
+            "of": list(one.measurement.instances),
+            "value": one.measurement.value,
+            "sigma": one.measurement.sigma,
+            "assumed": one.measurement.assumed,
+            "predicted": one.predicted,
+            "predicted_sigma": one.predicted_sigma,
+            "used": one.used,
+        }
+        for one in layout.measurements
+    ]
+
+
+def scale_row(layout: Layout) -> ScaleRow | None:
+    """The scale, where anything tells it."""
+    scale = layout.scale
+    return None if scale is None else {"factor": scale.factor, "sigma_share": scale.sigma_share}
+
+
+def next_row(layout: Layout) -> NextMeasurementRow | None:
+    """What to measure next, if anything."""
+    one = layout.next_measurement
+    if one is None:
+        return None
+    return {"dimension": one.dimension, "within": one.within, "reached": one.reached, "of": one.of}
+
+
+def read_next(row: dict[str, Any] | None, dimensions: int) -> NextMeasurement | None:
+    """The inverse of ``next_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    if row is None:
+        return None
+    if row["dimension"] not in range(dimensions):
+        raise ValueError(f"no dimension {row['dimension']!r}")
+    return NextMeasurement(*(int(row[name]) for name in ("dimension", "within", "reached", "of")))
+
+
+def read_accuracy(row: dict[str, Any]) -> Accuracy:
+    """The inverse of ``accuracy_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    level = _one_of(row["level"], (0, *UPPER_ENDS_M), "level of accuracy")
+    return Accuracy(numbers(row["error_95_m"]).item(), level, _one_of(row["status"], get_args(Status), "status"))
+
+
+def read_dimension(row: dict[str, Any], names: Sequence[str]) -> Dimension:
+    """The inverse of ``dimension_rows``, for one. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    first, second = (names.index(name) for name in row["between"])
+    return Dimension(
+        first,
+        second,
+        _one_of(row["kind"], get_args(DimensionKind), "kind of dimension"),
+        numbers(row["length"]).item(),
+        numbers(row["sigma"]).item(),
+        numbers(row["ends"]).reshape(2, 3),
+        read_accuracy(row["accuracy"]),
+    )
+
+
+def read_quantity(row: dict[str, Any], names: Sequence[str]) -> Quantity:
+    """The inverse of ``quantity_rows``, for one. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    return Quantity(
+        _one_of(row["kind"], get_args(QuantityKind), "kind of quantity"),
+        tuple(names.index(name) for name in row["of"]),
+        numbers(row["amount"]).item(),
+        numbers(row["sigma"]).item(),
+        bool(row["closed"]),
+    )
+
+
+def read_measurement(row: dict[str, Any]) -> Checked:
+    """The inverse of ``measurement_rows``, for one. Raises KeyError, TypeError or ValueError when it is damaged."""
+    measurement = Measurement(
+        _one_of(row["kind"], get_args(MeasuredKind), "kind of measurement"),
+        tuple(str(name) for name in row["of"]),
+        numbers(row["value"]).item(),
+        numbers(row["sigma"]).item(),
+        assumed=bool(row["assumed"]),
+    )
+    return Checked(
+        measurement, numbers(row["predicted"]).item(), numbers(row["predicted_sigma"]).item(), bool(row["used"])
+    )
+
+
+def read_scale(row: dict[str, Any] | None) -> Scale | None:
+    """The inverse of ``scale_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    return None if row is None else Scale(numbers(row["factor"]).item(), numbers(row["sigma_share"]).item())
+
+
+def numbers(value: Any) -> FloatArray:
+    """An array in which JSON's null is NaN."""
+    return np.asarray(value, dtype=object).astype(np.float64)
+
+
+def _one_of(value: Any, known: Sequence[Any], what: str) -> Any:
+    if value not in known:
+        raise ValueError(f"unknown {what} {value!r}")
+    return value
