@@ -30,6 +30,8 @@ class Accuracy:
     level: int
     """The finest level that it reaches: 40, 30, 20 or 10; 0 when it reaches none."""
     status: Status
+    wanted: int
+    """The level that it is held against."""
 
 
 def level_of(error_95_m: float) -> int:
@@ -42,5 +44,5 @@ def accuracy_of(sigma_m: float, wanted: int, bias_m: float = 0.0) -> Accuracy:
     error = SIGMAS_95 * sigma_m + bias_m
     level = level_of(error)
     if not math.isfinite(error):
-        return Accuracy(math.nan, 0, "insufficient evidence")
-    return Accuracy(error, level, "within" if level >= wanted else "out")
+        return Accuracy(math.nan, 0, "insufficient evidence", wanted)
+    return Accuracy(error, level, "within" if level >= wanted else "out", wanted)

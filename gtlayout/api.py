@@ -8,9 +8,8 @@ from pathlib import Path
 
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
-from gtlayout.results.layout_files import read_layout, write_results
+from gtlayout.results.layout_files import read_solved, write_results
 from gtlayout.results.names import FOLDER
-from gtlayout.results.refined_cameras import with_refined_cameras
 from gtlayout.review.findings import Finding
 from gtlayout.scene import Scene
 from gtlayout.solution import Solution
@@ -44,8 +43,7 @@ def load_solved(
     GtlayoutError when either cannot be read, or the layout was made from other annotations.
     """
     found = Path(folder) / FOLDER if results is None else Path(results)
-    scene = with_refined_cameras(load(folder, cameras=cameras, annotations=annotations), found)
-    return scene, read_layout(found, scene)
+    return read_solved(load(folder, cameras=cameras, annotations=annotations), found)
 
 
 def save(solution: Solution, results: AnyPath, findings: Sequence[Finding] | None = None) -> None:

@@ -81,3 +81,5 @@ class Scale:
     factor: float
     sigma_share: float
     """σ of the factor, as a share of it."""
+    gave_unit: bool = False
+    """Whether the scene had no unit without it. Its depth maps and true planes are in the units of its files."""

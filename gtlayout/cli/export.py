@@ -30,7 +30,7 @@ def export(
         The scene folder.
     to
         The format: meshes (glb with y up, ply, obj), a floor plan (svg, dxf), a building model with z up (ifc, usd,
-        scenescript), or a folder as in the CAD-Estate release.
+        scenescript), a table of all dimensions (csv), or a folder as in the CAD-Estate release.
     out
         The file, or new folder, to write; beside the layout when not given.
     layout

@@ -92,6 +92,8 @@ def evaluate(scene: Scene, layout: Layout, config: QualityConfig | None = None) 
     _check_members(scene, layout)
     quality = assess(scene, layout.instances, layout.planes, layout.extents, config or QualityConfig())
     truth = read_truth(scene)
+    if truth is not None:
+        truth = truth.scaled(_unit_of_truth_m(layout))
     match = match_instances(layout, truth) if truth else {}
     planes = tuple(
         plane_error(layout, match[name], name, plane)
@@ -137,6 +139,11 @@ def _check_members(scene: Scene, layout: Layout) -> None:
         raise GtlayoutError(f"{scene.root}: the layout was made from other annotations; solve the scene again")
 
 
+def _unit_of_truth_m(layout: Layout) -> float:
+    """Units of the layout in a unit of the scene's depth maps and true planes."""
+    return layout.scale.factor if layout.scale is not None and layout.scale.gave_unit else 1.0
+
+
 def depth_error(scene: Scene, layout: Layout) -> DepthError | None:
     """Over all pixels of visible parts with measured depth, compared with the depth of the rendered layout there; None
     without any. Raises GtlayoutError when a depth map cannot be read.
@@ -148,7 +155,7 @@ def depth_error(scene: Scene, layout: Layout) -> DepthError | None:
         frame = scene.frame_of(k)
         if frame.depth_path is None:
             continue
-        measured = read_depth(frame)
+        measured = _unit_of_truth_m(layout) * read_depth(frame)
         _, rendered = render(layout.planes, layout.extents, layout.instances, frame.camera)
         instance_of = {e: i for i, instance in enumerate(layout.instances) for j, e in instance.members if j == k}
         for e, element in enumerate(key_frame.elements):

@@ -12,7 +12,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
-Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf", "ifc", "usd", "scenescript"]
+Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf", "ifc", "usd", "scenescript", "csv"]
 Writer = Callable[[Path, Scene, Layout], None]
 """Writes a layout, and the parts of its scene that the format holds, to a file or a new folder: all of it or nothing.
 
@@ -57,6 +57,7 @@ EXPORTERS: dict[Format, Exporter] = {
     "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
     "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),
     "scenescript": Exporter("scene_language.txt", "gtlayout.export.scenescript"),
+    "csv": Exporter("dimensions.csv", "gtlayout.export.table"),
 }
 
 

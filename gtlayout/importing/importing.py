@@ -152,7 +152,7 @@ def _metric(scene: Scene, scale: Scale) -> Scene:
         raise GtlayoutError(f"{scene.root} is metric already; say otherwise in its scene.json to give it another unit")
     # Depth maps of a scene without unit are thousandths of what was its unit.
     frames = tuple(replace(frame, depth_path=None) for frame in scene.frames)
-    return scaled(replace(scene, frames=frames), scale.factor)
+    return replace(scaled(replace(scene, frames=frames), scale.factor), scale_sigma_share=scale.sigma_share)
 
 
 def _without_unreadable(scene: Scene) -> Scene:

@@ -18,16 +18,17 @@ measured.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.files import read_json_list
+from gtlayout.io.files import read_json_list, write_json_atomic
 from gtlayout.io.image_names import NameIndex
 from gtlayout.io.marked_points import marks_of
 from gtlayout.measurement import ElementName, MarkedPoint, MeasuredKind, Measurement
-from gtlayout.scene import Frame
+from gtlayout.scene import Frame, Scene
 
 FILE = "measurements.json"
 SIGMA_M, SIGMA_DEG = 0.003, 0.5
@@ -51,18 +52,37 @@ def read_measurements(path: Path, frames: Sequence[Frame]) -> tuple[Measurement,
     return tuple(_measurement(entry, frames, names, f"{path}, entry {n}") for n, entry in enumerate(entries, start=1))
 
 
-def measurement_entry(measurement: Measurement) -> dict[str, Any]:
-    """The entry that reads as this measurement."""
-    is_pair = measurement.kind in _PAIRS
-    of: Any = list(measurement.instances) if is_pair else measurement.instances[0] if measurement.instances else None
-    if measurement.kind == "points":
-        of = [{name: list(px) for name, px in point} for point in measurement.points]
-    unit = "deg" if measurement.kind == "angle" else "m"
-    entry = {
-        measurement.kind: of,
-        "degrees" if measurement.kind == "angle" else "metres": measurement.value,
-        f"sigma_{unit}": measurement.sigma,
+def write_measurements(path: Path, scene: Scene, frames: Sequence[Frame], ids: Mapping[tuple[int, int], str]) -> None:
+    """Write a scene's measurements for the same scene with other ``frames``, pinhole images in the same order.
+
+    ``ids`` are those of its elements there, by key frame and element.
+    """
+    renamed = {old.name: new.name for old, new in zip(scene.frames, frames, strict=True)}
+    elements = {
+        ElementName(scene.frame_of(k).name, scene.key_frames[k].elements[e].id): ElementName(
+            renamed[scene.frame_of(k).name], name
+        )
+        for (k, e), name in ids.items()
     }
+    moved = [
+        replace(
+            one,
+            elements=tuple(None if name is None else elements.get(name) for name in one.elements),
+            points=tuple(tuple((renamed[name], px) for name, px in point) for point in one.points),
+        )
+        for one in scene.measurements
+    ]
+    write_json_atomic(path, [measurement_entry(one) for one in moved])
+
+
+def measurement_entry(measurement: Measurement) -> dict[str, Any]:
+    """The entry that reads as this measurement; pixels of points are those of pinhole images."""
+    kind = measurement.kind
+    of: Any = [{name: list(px) for name, px in point} for point in measurement.points]
+    if kind != "points":
+        of = list(measurement.instances) if kind in _PAIRS else measurement.instances[0]
+    value, sigma = ("degrees", "sigma_deg") if kind == "angle" else ("metres", "sigma_m")
+    entry: dict[str, Any] = {kind: of, value: measurement.value, sigma: measurement.sigma}
     if any(measurement.elements):
         entry["elements"] = [None if one is None else [one.image, one.element] for one in measurement.elements]
     return entry | ({"assumed": True} if measurement.assumed else {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,20 @@ class Truth:
     planes: dict[str, TruePlane]
     elements: dict[tuple[int, int], str]
     """(key frame index, element index) → name of its plane."""
+
+    def scaled(self, factor: float) -> Truth:
+        """The same in a world whose unit is smaller by ``factor``."""
+        planes = {
+            name: replace(
+                plane,
+                d=factor * plane.d,
+                extent_world=None
+                if plane.extent_world is None
+                else tuple(tuple(factor * ring for ring in polygon) for polygon in plane.extent_world),
+            )
+            for name, plane in self.planes.items()
+        }
+        return replace(self, planes=planes)
 
 
 def read_truth(scene: Scene) -> Truth | None:

@@ -51,7 +51,7 @@ def fuse(room: SolvedRoom, estimate: Estimate) -> tuple[Fused | None, tuple[str,
         return None, (*warnings, *([contradicting] if usable else []))
     warnings += [_contradiction(one) for one in posterior.checked if not one.used]
     factor = posterior.scale
-    scale = Scale(factor, float(np.sqrt(posterior.covariance[-1, -1])))
+    scale = Scale(factor, float(np.sqrt(posterior.covariance[-1, -1])), not scene.metric)
     in_metres = scene if factor == 1.0 else scaled(scene, factor)
     return Fused(in_metres, _moved(room, estimate, posterior), scale, posterior.checked), tuple(warnings)
 

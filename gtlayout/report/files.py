@@ -15,9 +15,8 @@ from gtlayout.quality.config import QualityConfig
 from gtlayout.report.data import report_data
 from gtlayout.report.frames import photo
 from gtlayout.report.page import page
-from gtlayout.results.layout_files import package_versions, read_layout
+from gtlayout.results.layout_files import package_versions, read_solved
 from gtlayout.results.names import TIMINGS_FILE
-from gtlayout.results.refined_cameras import with_refined_cameras
 from gtlayout.results.review_file import read_review
 from gtlayout.solution import Solution
 
@@ -49,8 +48,7 @@ def write_report(
         GtlayoutError: the scene or its results cannot be read, or the disk does not take the page. A key frame's image
             that cannot be read only leaves its place in the page empty.
     """
-    scene = with_refined_cameras(load_scene(scene_dir, annotations, cameras=cameras), folder)
-    layout = read_layout(folder, scene)
+    scene, layout = read_solved(load_scene(scene_dir, annotations, cameras=cameras), folder)
     records = read_records(folder)
     quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())
     photos = []

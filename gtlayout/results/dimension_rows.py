@@ -21,13 +21,17 @@ from gtlayout.results.layout_format import (
 )
 from gtlayout.scene import FloatArray
 
-_NOT_TAKEN = Accuracy(np.nan, 0, "insufficient evidence")
 
-
-def accuracy_row(accuracy: Accuracy | None) -> AccuracyRow:
-    """One level of accuracy; nothing is known where nobody asked."""
-    of = accuracy or _NOT_TAKEN
-    return {"error_95_m": of.error_95_m, "level": of.level, "status": of.status}
+def accuracy_row(accuracy: Accuracy | None) -> AccuracyRow | None:
+    """One level of accuracy; None where nobody asked."""
+    if accuracy is None:
+        return None
+    return {
+        "error_95_m": accuracy.error_95_m,
+        "level": accuracy.level,
+        "status": accuracy.status,
+        "wanted": accuracy.wanted,
+    }
 
 
 def dimension_rows(layout: Layout) -> list[DimensionRow]:
@@ -79,7 +83,9 @@ def measurement_rows(layout: Layout) -> list[MeasurementRow]:
 def scale_row(layout: Layout) -> ScaleRow | None:
     """The scale, where anything tells it."""
     scale = layout.scale
-    return None if scale is None else {"factor": scale.factor, "sigma_share": scale.sigma_share}
+    if scale is None:
+        return None
+    return {"factor": scale.factor, "sigma_share": scale.sigma_share, "gave_unit": scale.gave_unit}
 
 
 def next_row(layout: Layout) -> NextMeasurementRow | None:
@@ -99,10 +105,15 @@ def read_next(row: dict[str, Any] | None, dimensions: int) -> NextMeasurement | 
     return NextMeasurement(*(int(row[name]) for name in ("dimension", "within", "reached", "of")))
 
 
-def read_accuracy(row: dict[str, Any]) -> Accuracy:
+def read_accuracy(row: dict[str, Any] | None) -> Accuracy | None:
     """The inverse of ``accuracy_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    if row is None:
+        return None
     level = _one_of(row["level"], (0, *UPPER_ENDS_M), "level of accuracy")
-    return Accuracy(numbers(row["error_95_m"]).item(), level, _one_of(row["status"], get_args(Status), "status"))
+    wanted = _one_of(row["wanted"], tuple(UPPER_ENDS_M), "level of accuracy")
+    return Accuracy(
+        numbers(row["error_95_m"]).item(), level, _one_of(row["status"], get_args(Status), "status"), wanted
+    )
 
 
 def read_dimension(row: dict[str, Any], names: Sequence[str]) -> Dimension:
@@ -146,7 +157,9 @@ def read_measurement(row: dict[str, Any]) -> Checked:
 
 def read_scale(row: dict[str, Any] | None) -> Scale | None:
     """The inverse of ``scale_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
-    return None if row is None else Scale(numbers(row["factor"]).item(), numbers(row["sigma_share"]).item())
+    if row is None:
+        return None
+    return Scale(numbers(row["factor"]).item(), numbers(row["sigma_share"]).item(), bool(row["gave_unit"]))
 
 
 def numbers(value: Any) -> FloatArray:

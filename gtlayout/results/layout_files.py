@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any, get_args
 import numpy as np
 from shapely import MultiPolygon
 
+from gtlayout.accuracy import Accuracy
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.glb import glb_bytes
@@ -40,7 +41,7 @@ from gtlayout.results.dimension_rows import (
 from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
 from gtlayout.results.names import LOG_FILE, REPORT_FILE, REVIEW_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
-from gtlayout.results.refined_cameras import refined_cameras_text
+from gtlayout.results.refined_cameras import refined_cameras_text, with_refined_cameras
 from gtlayout.results.review_file import review_text
 from gtlayout.review.findings import Finding
 from gtlayout.scene import LABELS, Scene
@@ -97,6 +98,17 @@ def package_versions() -> dict[str, str]:
     return {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
 
 
+def read_solved(scene: Scene, out_dir: Path) -> tuple[Scene, Layout]:
+    """The scene with the cameras, and in the unit, that its layout in ``out_dir`` was solved with, and the layout.
+
+    Raises:
+        GtlayoutError: as ``read_layout`` and ``with_refined_cameras``.
+    """
+    scene = with_refined_cameras(scene, out_dir)
+    layout = read_layout(out_dir, scene)
+    return replace(scene, metric=layout.metric), layout
+
+
 def read_layout(out_dir: Path, scene: Scene) -> Layout:
     """Read a layout of ``scene`` back from its layout.json.
 
@@ -123,7 +135,7 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
             mesh,
             metric,
             dimensions=tuple(read_dimension(row, names) for row in data["dimensions"]),
-            accuracies=tuple(read_accuracy(row["accuracy"]) for row in data["instances"]),
+            accuracies=_read_accuracies(data["instances"]),
             quantities=tuple(read_quantity(row, names) for row in data["quantities"]),
             scale=read_scale(data["scale"]),
             measurements=tuple(read_measurement(row) for row in data["measurements"]),
@@ -178,7 +190,6 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "seed": config.seed,
         "metric": layout.metric,
         "unit": "m" if layout.metric else "scene unit",
-        "loa": config.loa,
         "convention": "n·X + d = 0, unit n towards the cameras; covariance of (n, n·anchor + d); "
         "world frame of the input cameras; vertex_sigma along the normal, the largest of the instances that share "
         "the vertex",
@@ -244,6 +255,12 @@ def _read_instance(
             float(row["extent"]["unknown_area"]),
         ),
     )
+
+
+def _read_accuracies(rows: Sequence[dict[str, Any]]) -> tuple[Accuracy, ...]:
+    """Of all instances; empty where nobody asked."""
+    found = [accuracy for row in rows if (accuracy := read_accuracy(row["accuracy"])) is not None]
+    return tuple(found) if len(found) == len(rows) else ()
 
 
 def _read_support(row: dict[str, Any]) -> Support:

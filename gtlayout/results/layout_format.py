@@ -66,6 +66,8 @@ class AccuracyRow(TypedDict):
     """The finest level (USIBD LOA) that it reaches: 40, 30, 20 or 10; 0 when it reaches none."""
     status: Status
     """As accurate as asked, less, not known, or never seen."""
+    wanted: int
+    """The level that was asked for."""
 
 
 class NextMeasurementRow(TypedDict):
@@ -110,8 +112,8 @@ class InstanceRow(TypedDict):
     """The elements that show it, at most one per key frame."""
     plane: PlaneRow
     extent: ExtentRow
-    accuracy: AccuracyRow
-    """Of its surface, over the whole extent."""
+    accuracy: AccuracyRow | None
+    """Of its surface, over the whole extent; null where nobody asked."""
     iou: NumberOrNull
     """Mean reprojection IoU over the key frames that show it."""
     verdict: Verdict
@@ -135,7 +137,8 @@ class DimensionRow(TypedDict):
     """σ of the length, world unit; from the joint covariance of all planes, and what drawing leaves."""
     ends: Annotated[FloatArray, Shape((2, 3))]
     """Where it is measured: a point on each."""
-    accuracy: AccuracyRow
+    accuracy: AccuracyRow | None
+    """Null where nobody asked."""
 
 
 class QuantityRow(TypedDict):
@@ -159,6 +162,8 @@ class ScaleRow(TypedDict):
     factor: float
     sigma_share: float
     """σ of the factor, as a share of it."""
+    gave_unit: bool
+    """Whether the scene had no unit without it. Its depth maps and true planes are in the units of its files."""
 
 
 class MeasurementRow(TypedDict):
@@ -211,8 +216,6 @@ class LayoutFile(TypedDict):
     """True when the world unit is the metre."""
     unit: Literal["m", "scene unit"]
     """Of all lengths."""
-    loa: int
-    """The level of accuracy that everything is held against."""
     convention: str
     """Signs, frames and the meaning of σ, in words."""
     headline: HeadlineRow

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import get_args
 
 from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
+from gtlayout.accuracy import Accuracy
 from gtlayout.evaluation.evaluate import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
-from gtlayout.instances import Dimension
+from gtlayout.instances import Dimension, DimensionKind
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.headline import Headline, element_name
 from gtlayout.scene import Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 
-_COLUMNS = ("instance", "label", "area", "frames", "tracks", "σ normal", "σ depth", "IoU", "verdict")
+_COLUMNS = ("instance", "area", "frames", "tracks", "σ normal", "σ depth", "LOA", "IoU", "verdict")
 _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
 _HEADLINE_STYLES = {"trust": "bold green", "check": "bold yellow", "redo": "bold red"}
 
@@ -27,9 +29,7 @@ def instance_table(layout: Layout, quality: Quality) -> Table:
     """One row per instance; fits 80 columns."""
     table = Table(box=SIMPLE, padding=0, show_edge=False)
     for column in _COLUMNS:
-        table.add_column(
-            column, no_wrap=True, justify="left" if column in ("instance", "label", "verdict") else "right"
-        )
+        table.add_column(column, no_wrap=True, justify="left" if column in ("instance", "verdict") else "right")
     for row, judged in zip(_rows(layout, quality), quality.instances, strict=True):
         table.add_row(*row, style=_STYLES[judged.verdict] if judged.verdict != "ok" else None)
     return table
@@ -46,18 +46,74 @@ def reasons(layout: Layout, quality: Quality) -> list[str]:
 
 
 def dimensions(layout: Layout) -> list[str]:
-    """Heights and widths of the room with their σ: one line each, the most certain first."""
+    """Heights, widths, areas and volumes of the room with σ, and what doors and windows measure: one line each.
+
+    Of each kind the most certain first; of walls only all together. Lengths have their level of accuracy where the scene
+    is in metres.
+    """
     unit = " m" if layout.metric else " units"
     names = [instance.name for instance in layout.instances]
-    return [
-        f"{one.kind} {names[one.first]} – {names[one.second]}: {with_sigma(one.length, one.sigma, 3, unit)}"
+    lines = [
+        f"{one.kind} {_between(names, one)}: {with_sigma(one.length, one.sigma, 3, unit)}{_level(one.accuracy)}"
         for one in most_certain_first(layout.dimensions)
     ]
+    totals = {amount.kind: len(amount.instances) for amount in layout.quantities}
+    for amount in layout.quantities:
+        if amount.kind == "net wall area" and len(amount.instances) < totals[amount.kind]:
+            continue
+        power = "³" if amount.kind == "volume" else "²"
+        least = "" if amount.closed else " at least: not all of its outline was seen"
+        of = " – ".join(names[i] for i in amount.instances) if len(amount.instances) < 3 else "of all walls"
+        lines.append(f"{amount.kind} {of}: {with_sigma(amount.amount, amount.sigma, 2, unit + power)}{least}")
+    return lines
+
+
+def measurement_lines(layout: Layout) -> list[str]:
+    """What was measured by hand, beside what everything else says, and what to measure next: one line each."""
+    lines = []
+    for one in layout.measurements:
+        hand = one.measurement
+        digits = 1 if hand.kind == "angle" else 3
+        says = with_sigma(one.predicted, one.predicted_sigma, digits, f" {hand.unit}")
+        of_others = f"everything else says {says}" if math.isfinite(one.predicted) else "gives the scene its unit"
+        verdict = "" if one.used else ": NOT USED, it contradicts that; measure it again"
+        lines.append(f"measured {hand.name}: {figure(hand.value, digits, f' {hand.unit}')}, {of_others}{verdict}")
+    if layout.scale is not None and layout.scale.gave_unit:
+        sigma = percent(layout.scale.sigma_share, 1)
+        lines.append(f"scale by what was measured: 1 unit of the cameras = {short(layout.scale.factor)} m ± {sigma}")
+    return [*lines, *next_line(layout)]
+
+
+def next_line(layout: Layout) -> list[str]:
+    """What to measure next, in a line; none where nothing would help."""
+    one = layout.next_measurement
+    if one is None:
+        return []
+    dimension = layout.dimensions[one.dimension]
+    what = f"{dimension.kind} {_between([instance.name for instance in layout.instances], dimension)}"
+    if not layout.metric:
+        return [f"measure {what}: it would give the scene its unit"]
+    wanted = next((each.accuracy.wanted for each in layout.dimensions if each.accuracy), 0)
+    return [f"measure {what}: it would bring {one.reached} of {one.of} dimensions to LOA{wanted} ({one.within} now)"]
+
+
+def _between(names: Sequence[str], one: Dimension) -> str:
+    return names[one.first] if one.first == one.second else f"{names[one.first]} – {names[one.second]}"
+
+
+def _level(accuracy: Accuracy | None) -> str:
+    """The level that a length reaches, in words; nothing where the scene has no unit."""
+    if accuracy is None or not math.isfinite(accuracy.error_95_m):
+        return ""
+    return f" (LOA{accuracy.level}, {accuracy.status})" if accuracy.level else f" ({accuracy.status}: below LOA10)"
 
 
 def most_certain_first(dimensions: Sequence[Dimension]) -> list[Dimension]:
-    """Heights before widths; those of unknown σ last."""
-    return sorted(dimensions, key=lambda one: (one.kind, one.sigma if math.isfinite(one.sigma) else math.inf))
+    """Heights and widths of the room before those of doors and windows; those of unknown σ last."""
+    order = get_args(DimensionKind)
+    return sorted(
+        dimensions, key=lambda one: (order.index(one.kind), one.sigma if math.isfinite(one.sigma) else math.inf)
+    )
 
 
 def camera_line(cameras: CameraReport, metric: bool) -> str:
@@ -166,17 +222,18 @@ def _prediction(quality: Quality) -> str:
 def _rows(layout: Layout, quality: Quality) -> list[tuple[str, ...]]:
     unit = " m" if layout.metric else " u"
     rows: list[tuple[str, ...]] = []
-    parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
-    for instance, plane, extent, judged in parts:
+    accuracies = layout.accuracies or (None,) * len(layout.instances)
+    parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, accuracies, strict=True)
+    for instance, plane, extent, judged, accuracy in parts:
         rows.append(
             (
                 instance.name,
-                instance.label,
                 figure(extent.region.area, 2, f"{unit}²"),
                 str(len(instance.members)),
                 str(plane.support.tracks),
                 figure(judged.sigma_normal_deg, 2, "°"),
                 sigma_figure(judged.sigma_depth, judged.depth, 3, unit) if plane.observable else NOTHING,
+                str(accuracy.level) if accuracy and accuracy.level else NOTHING,
                 figure(judged.iou, 3),
                 judged.verdict,
             )

@@ -20,6 +20,8 @@ from gtlayout.io.cameras.nerfstudio import write_transforms
 from gtlayout.io.cameras.re10k import write_re10k
 from gtlayout.io.cameras.scannet import write_scannet
 from gtlayout.io.files import new_folder, write_json_atomic
+from gtlayout.io.measurements import FILE as MEASUREMENTS_FILE
+from gtlayout.io.measurements import write_measurements
 from gtlayout.io.pixels.exports import the_one_size, write_depth, write_image, write_jpeg, write_truth
 from gtlayout.io.units import SCENE_FILE
 from gtlayout.io.video_record import origin_of, write_video_record
@@ -49,10 +51,15 @@ def write_scene(scene: Scene, out: Path, cameras: CameraFormat, annotations: Ann
     """
     with new_folder(out) as folder:
         written = replace(scene, frames=CAMERA_WRITERS[cameras](scene, folder))
-        if cameras not in METRIC_FORMATS:
-            write_json_atomic(folder / SCENE_FILE, {"metric": scene.metric})
+        if cameras not in METRIC_FORMATS or scene.scale_sigma_share is not None:
+            sigma = {} if scene.scale_sigma_share is None else {"scale_sigma": scene.scale_sigma_share}
+            write_json_atomic(folder / SCENE_FILE, {"metric": scene.metric, **sigma})
+        ids: ElementIds = {}
         if scene.key_frames:
-            write_truth(folder, scene, written.frames, ANNOTATION_WRITERS[annotations](written, folder))
+            ids = ANNOTATION_WRITERS[annotations](written, folder)
+            write_truth(folder, scene, written.frames, ids)
+        if scene.measurements:
+            write_measurements(folder / MEASUREMENTS_FILE, scene, written.frames, ids)
     return tuple(frame.name for frame in written.frames)
 
 
