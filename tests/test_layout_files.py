@@ -336,8 +336,8 @@ def test_tables_name_what_to_redraw(solved: tuple[Scene, Layout, Quality]) -> No
     assert text.startswith(f"**redo**: {headline.reasons[0]}\n- {headline.reasons[1]}\n")
     assert "% (predicted doubtful)" in text
     assert "- width wall_4 – floor_0: 5.000 ± 0.013 m" in text
-    assert "|floor_0|floor|20.00 m²|2|17|" in text
-    assert "|ceiling_1|ceiling|0.00 m²|2|0|–|–|0.000|unobservable|" in text
+    assert "|floor_0|20.00 m²|2|17|" in text
+    assert "|ceiling_1|0.00 m²|2|0|–|–|–|0.000|unobservable|" in text
 
 
 def test_several_files_are_written_all_or_none(tmp_path: Path) -> None:

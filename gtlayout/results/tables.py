@@ -48,8 +48,7 @@ def reasons(layout: Layout, quality: Quality) -> list[str]:
 def dimensions(layout: Layout) -> list[str]:
     """Heights, widths, areas and volumes of the room with σ, and what doors and windows measure: one line each.
 
-    Of each kind the most certain first; of walls only all together. Lengths have their level of accuracy where the scene
-    is in metres.
+    Of each kind the most certain first; of walls only all together. Lengths in metres have their level of accuracy.
     """
     unit = " m" if layout.metric else " units"
     names = [instance.name for instance in layout.instances]
