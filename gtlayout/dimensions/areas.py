@@ -73,7 +73,7 @@ def _area(room: SolvedRoom, index: int) -> tuple[Measurable, bool]:
             for p, start in enumerate(points):
                 length = float(np.linalg.norm(after[p] - start))
                 total += length
-                if set(others[p]) & set(others[(p + 1) % len(points)]):
+                if length == 0 or set(others[p]) & set(others[(p + 1) % len(points)]):
                     fixed += length
                 else:
                     drawn += _edge_variance(room, index, start, after[p], length)
@@ -82,4 +82,5 @@ def _area(room: SolvedRoom, index: int) -> tuple[Measurable, bool]:
 
 def _edge_variance(room: SolvedRoom, index: int, start: FloatArray, end: FloatArray, length: float) -> float:
     """By how much a drawn edge leaves the area open: it may lie to either side as a whole."""
-    return (length * room.drawn_sigma(index, (start + end) / 2)) ** 2
+    across = np.cross((end - start) / length, room.planes[index].normal)
+    return (length * room.drawn_sigma(index, (start + end) / 2, across)) ** 2

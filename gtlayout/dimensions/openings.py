@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import shapely
-from shapely import LineString
+from shapely import LineString, Point
 
 from gtlayout.dimensions.facing import Taken
 from gtlayout.dimensions.measurable import Measurable
@@ -15,14 +15,16 @@ from gtlayout.scene import OPENINGS, FloatArray
 _AT = np.linspace(0.3, 0.7, 5)
 """Where an opening is measured across, as shares of its other side: frames and thresholds blur its ends."""
 _BORDER_PX = 4.0
-"""What ends nearer to the border of an image of 640x480 is cut by it."""
+"""What ends nearer than this to the border of an image of 640x480 is cut by it, or to an occlusion edge hidden."""
+_NEAR_PX = 10.0
+"""What ends nearer than this to where it is drawn to end, ends there: 4 σ of a drawn edge."""
 
 
 def opening_dimensions(room: SolvedRoom) -> list[Taken]:
     """Width and height of every door and window whose ends are seen, and the height of each window's sill.
 
     An opening is measured at five places across, of which the median counts, as one measures with a tape: its corners
-    are where drawings differ most. Empty when nothing tells which way is up.
+    are where drawings differ most. Empty when nothing tells which way is up. Those in a ceiling are left out.
     """
     up = room.up_world
     if up is None:
@@ -31,9 +33,9 @@ def opening_dimensions(room: SolvedRoom) -> list[Taken]:
     for i in room.seen:
         if room.instances[i].label in OPENINGS:
             upright = up - (up @ room.planes[i].normal) * room.planes[i].normal
-            # In a ceiling there is no height; its own axes are as good as any.
-            axis = upright if np.linalg.norm(upright) > np.sin(np.deg2rad(45)) else room.extents[i].frame.axes[1]
-            found += _of_opening(room, i, axis / np.linalg.norm(axis))
+            # In a ceiling nothing is upright, and no side of a window is its height.
+            if np.linalg.norm(upright) > np.sin(np.deg2rad(45)):
+                found += _of_opening(room, i, upright / np.linalg.norm(upright))
     return found
 
 
@@ -72,12 +74,15 @@ def _median_chord(room: SolvedRoom, index: int, along: FloatArray, across: Float
 
 
 def _is_seen(room: SolvedRoom, index: int, end_world: FloatArray) -> bool:
-    """Whether some key frame shows where an opening ends, and not only where its image does."""
-    for k, _ in room.instances[index].members:
-        camera = room.scene.frame_of(k).camera
+    """Whether an opening is drawn to end there in some key frame, and not because its image does, or it is hidden."""
+    for k, e in room.instances[index].members:
+        camera, key_frame = room.scene.frame_of(k).camera, room.scene.key_frames[k]
         points_px, depth = camera.project(end_world[None])
-        inside = np.minimum(points_px[0], (camera.width, camera.height) - points_px[0])
-        if depth[0] > 0 and inside.min() > _BORDER_PX * camera.annotation_scale:
+        at_px, scale = Point(points_px[0]), camera.annotation_scale
+        border = np.minimum(points_px[0], (camera.width, camera.height) - points_px[0]).min()
+        hidden = min((LineString(line).distance(at_px) for line in key_frame.occlusion_edges), default=np.inf)
+        drawn = key_frame.elements[e].amodal.boundary.distance(at_px)
+        if depth[0] > 0 and min(border, hidden) > _BORDER_PX * scale and drawn < _NEAR_PX * scale:
             return True
     return False
 
@@ -87,7 +92,9 @@ def _length(room: SolvedRoom, index: int, ends: FloatArray) -> Measurable:
     length = float(np.linalg.norm(between))
     others = room.on_others(index, ends)
     motion = room.motion(index, ends, others)
-    free = [room.drawn_sigma(index, end) for end, beside in zip(ends, others, strict=True) if not beside]
+    free = [
+        room.drawn_sigma(index, end, between / length) for end, beside in zip(ends, others, strict=True) if not beside
+    ]
     return Measurable(length, between / length @ (motion[1] - motion[0]), float(np.linalg.norm(free)))
 
 
@@ -98,5 +105,6 @@ def _sill(room: SolvedRoom, index: int, floor: int, point: FloatArray) -> Taken:
     gradient = plane.normal @ room.motion(index, point[None], [[]])[0]
     gradient[4 * floor : 4 * floor + 4] += room.moved_by(floor, point)
     ends = np.stack([point - height * plane.normal, point])
-    measured = Measurable(height, gradient, room.drawn_sigma(index, point))
+    up = plane.normal - (plane.normal @ room.planes[index].normal) * room.planes[index].normal
+    measured = Measurable(height, gradient, room.drawn_sigma(index, point, up / np.linalg.norm(up)))
     return Dimension(floor, index, "sill", height, np.nan, ends), measured

@@ -125,12 +125,23 @@ class SolvedRoom:
                 motion[p, :, 4 * j : 4 * j + 4] -= np.outer(back[:, column], self.moved_by(j, point))
         return motion
 
-    def drawn_sigma(self, index: int, point_world: FloatArray) -> float:
-        """σ of an outline at a point of an instance, on its plane: what its key frames' drawings leave together."""
+    def drawn_sigma(self, index: int, point_world: FloatArray, across_world: FloatArray) -> float:
+        """σ of where an instance's outline passes a point on its plane: what its key frames' drawings leave together.
+
+        ``across_world``, (3,) in the plane, is the direction that it is asked for, at right angles to the outline. Seen
+        at a grazing angle a pixel is long. Infinite where no key frame shows the point.
+        """
+        along_world = np.cross(self.planes[index].normal, across_world)
         information = 0.0
         for k, _ in self.instances[index].members:
             camera = self.scene.frame_of(k).camera
             depth = float(camera.project(point_world[None])[1][0])
-            if depth > 0:
-                information += float(camera.K[0, 0] / (SIGMA_DRAWN_PX * camera.annotation_scale * depth)) ** 2
+            if depth <= 0:
+                continue
+            step = 1e-6 * depth
+            points_px, _ = camera.project(point_world + step * np.stack([0 * along_world, across_world, along_world]))
+            (across_x, across_y), (along_x, along_y) = (points_px[1:] - points_px[0]) / step
+            # Of a shift across the outline only what is across its image can be seen.
+            px_per_unit = abs(across_x * along_y - across_y * along_x) / max(float(np.hypot(along_x, along_y)), 1e-300)
+            information += (px_per_unit / (SIGMA_DRAWN_PX * camera.annotation_scale)) ** 2
         return float(1 / np.sqrt(information)) if information > 0 else np.inf
