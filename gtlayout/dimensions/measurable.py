@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,10 @@ class Measurable:
         rows = np.nonzero(self.gradient)[0]
         of_planes = propagated_sigma(self.gradient[rows], covariance[np.ix_(rows, rows)])
         return float(np.hypot(of_planes, self.drawn_sigma))
+
+    def moved(self, step: FloatArray) -> Measurable:
+        """The same after a (4S,) step of all planes."""
+        return replace(self, value=self.value + float(self.gradient @ step))
 
     def plus(self, other: Measurable, factor: float = 1.0) -> Measurable:
         """The sum with ``factor`` times another; what was drawn of both is independent."""

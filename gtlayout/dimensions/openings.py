@@ -90,12 +90,31 @@ def _is_seen(room: SolvedRoom, index: int, end_world: FloatArray) -> bool:
 def _length(room: SolvedRoom, index: int, ends: FloatArray) -> Measurable:
     between = ends[1] - ends[0]
     length = float(np.linalg.norm(between))
-    others = room.on_others(index, ends)
+    others, across = room.on_others(index, ends), between / length
     motion = room.motion(index, ends, others)
-    free = [
-        room.drawn_sigma(index, end, between / length) for end, beside in zip(ends, others, strict=True) if not beside
+    drawn = [
+        np.hypot(room.drawn_sigma(index, end, across), _behind(room, index, end, across))
+        for end, beside in zip(ends, others, strict=True)
+        if not beside
     ]
-    return Measurable(length, between / length @ (motion[1] - motion[0]), float(np.linalg.norm(free)))
+    return Measurable(length, across @ (motion[1] - motion[0]), float(np.linalg.norm(drawn)))
+
+
+def _behind(room: SolvedRoom, index: int, end_world: FloatArray, across: FloatArray) -> float:
+    """σ of an end of an opening that lies behind its wall's plane, as it is not known what was drawn.
+
+    People draw doors and windows with their reveals or without, and of one seen at an angle a reveal hides a part. The
+    end lies between where it is on the opening's plane and on the wall's: anywhere there.
+    """
+    host = room.instances[index].host
+    if host is None or host not in room.seen:
+        return 0.0
+    own, wall = room.planes[index], room.planes[host]
+    behind = float(wall.normal @ end_world + wall.d)
+    recess = np.sqrt(behind**2 + own.sigma_offset(end_world) ** 2 + wall.sigma_offset(end_world) ** 2)
+    rays = [end_world - room.scene.frame_of(k).camera.center_world for k, _ in room.instances[index].members]
+    slopes = [abs(ray @ across) / max(abs(float(ray @ own.normal)), 1e-12) for ray in rays]
+    return float(recess * np.median(slopes) / np.sqrt(3))
 
 
 def _sill(room: SolvedRoom, index: int, floor: int, point: FloatArray) -> Taken:
@@ -106,5 +125,7 @@ def _sill(room: SolvedRoom, index: int, floor: int, point: FloatArray) -> Taken:
     gradient[4 * floor : 4 * floor + 4] += room.moved_by(floor, point)
     ends = np.stack([point - height * plane.normal, point])
     up = plane.normal - (plane.normal @ room.planes[index].normal) * room.planes[index].normal
-    measured = Measurable(height, gradient, room.drawn_sigma(index, point, up / np.linalg.norm(up)))
+    up /= np.linalg.norm(up)
+    drawn = np.hypot(room.drawn_sigma(index, point, up), _behind(room, index, point, up))
+    measured = Measurable(height, gradient, float(drawn))
     return Dimension(floor, index, "sill", height, np.nan, ends), measured

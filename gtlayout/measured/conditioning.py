@@ -2,8 +2,7 @@
 
 The planes after the video are normally distributed, with the joint covariance of stage 4, which also holds what no
 factor of the graph does: wrong cameras, and the weights of the solve. So measurements join after the solve, as one
-factor each on that distribution; the logarithm of the scale is one more unknown. The posterior is in closed form:
-measurements of lengths are linear in it up to terms of second order.
+factor each on that distribution; the logarithm of the scale is one more unknown.
 
 Reference for the test: each measurement against its prediction by all others and the video, from the inverse of the
 residuals' covariance, as Baarda's data snooping in geodesy ("A testing procedure for use in geodetic networks", 1968).
@@ -24,6 +23,8 @@ SURE = 2.576
 """A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
 _TIE = 1.05
 """Nothing tells which of two measurements is wrong when they are nearly as far off as each other."""
+_ROUNDS = 3
+"""Of Gauss and Newton: the logarithm of a length is not linear in the planes."""
 _NO_SCALE = 10.0
 """σ of the logarithm of a scale of which nothing is known."""
 
@@ -80,13 +81,17 @@ def condition(
         if not worst.any():
             break
         used &= ~worst
-    gain = np.zeros((len(prior_known), len(measurements)))
-    gain[:, used] = np.linalg.solve(spread[np.ix_(used, used)], rows[used] @ prior_known).T
-    moved = np.zeros(len(prior))
-    moved[known] = gain @ off
-    posterior = np.full_like(prior, np.nan)
-    after = prior_known - gain @ rows @ prior_known
-    posterior[np.ix_(known, known)] = (after + after.T) / 2
+    chosen = np.nonzero(used)[0].tolist()
+    moved, posterior = np.zeros(len(prior)), np.full_like(prior, np.nan)
+    for _ in range(_ROUNDS):
+        at = [measurables[i].moved(moved[:-1]) for i in chosen]
+        rows, noise_then, residual = _linearised([measurements[i] for i in chosen], at, lengths[chosen], len(prior))
+        innovation = residual - start * lengths[chosen] + rows[:, :-1] @ moved[:-1]
+        rows = rows[:, known]
+        gain = np.linalg.solve(rows @ prior_known @ rows.T + np.diag(noise_then), rows @ prior_known).T
+        moved[known] = gain @ innovation
+        after = prior_known - gain @ rows @ prior_known
+        posterior[np.ix_(known, known)] = (after + after.T) / 2
     scale = float(np.exp(start + moved[-1]))
     checked = tuple(
         _checked(one, measurables[i], start * lengths[i] + predicted[i], sigma[i], noise[i], bool(used[i]))
