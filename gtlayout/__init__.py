@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from gtlayout.errors import GtlayoutError
     from gtlayout.evaluation.evaluate import Evaluation, evaluate
     from gtlayout.layout import Layout
-    from gtlayout.method import solve
+    from gtlayout.measurement import Measurement
+    from gtlayout.method import solve, with_measurements
     from gtlayout.scene import Camera, Scene
     from gtlayout.solution import Solution
 
@@ -52,6 +53,7 @@ __all__ = [
     "Evaluation",
     "GtlayoutError",
     "Layout",
+    "Measurement",
     "Scene",
     "Solution",
     "check",
@@ -61,6 +63,7 @@ __all__ = [
     "load_solved",
     "save",
     "solve",
+    "with_measurements",
 ]
 
 _HOME = {
@@ -69,6 +72,7 @@ _HOME = {
     "Evaluation": "evaluation.evaluate",
     "GtlayoutError": "errors",
     "Layout": "layout",
+    "Measurement": "measurement",
     "Scene": "scene",
     "Solution": "solution",
     "evaluate": "evaluation.evaluate",
@@ -76,6 +80,7 @@ _HOME = {
     "load_solved": "api",
     "save": "api",
     "solve": "method",
+    "with_measurements": "method",
 }
 """The module in which each name is defined. The other names are modules."""
 

@@ -96,3 +96,17 @@ def test_factor_graph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert max(found["worst"].values()) < 1e-6
     assert found["costs"][-1] < 0.1 * found["costs"][0]
     assert all(0.88 < share < 1 for share in found["inside"])
+
+
+def test_dimensions_one_may_sign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    wanted = """{
+        "factor": solved.layout.scale.factor,
+        "used": [one.used for one in solved.layout.measurements],
+        "slip": [one.used for one in wrong.layout.measurements],
+        "levels": [one.accuracy.level for one in solved.layout.dimensions],
+    }"""
+    found = run("05_dimensions_one_may_sign.ipynb", tmp_path, monkeypatch, wanted)
+    assert found["factor"] == pytest.approx(2.5, rel=0.01)
+    assert found["used"] == [True, True, True]
+    assert found["slip"] == [True, True, False]
+    assert sum(level >= 30 for level in found["levels"]) >= 3
