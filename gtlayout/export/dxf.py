@@ -7,19 +7,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import ezdxf
 import numpy as np
-from ezdxf.document import Drawing as Document
-from ezdxf.enums import TextEntityAlignment
-from ezdxf.layouts import Modelspace
 
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import FloorPlan, floor_plan
+from gtlayout.export.font_cache import without_font_cache
 from gtlayout.export.plan_drawing import TICK_MM, Drawing, Layer, Measure, draw
 from gtlayout.export.plan_labels import upright
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
+
+with without_font_cache():
+    import ezdxf
+    from ezdxf.document import Drawing as Document
+    from ezdxf.enums import TextEntityAlignment
+    from ezdxf.layouts import Modelspace
 
 METRES, UNITLESS = 6, 0
 """$INSUNITS (Autodesk, DXF reference, HEADER section)."""
@@ -90,6 +93,9 @@ def _document(plan: FloorPlan, drawing: Drawing) -> Document:
         ).set_placement(text.at.tolist(), align=align)
     for measure in drawing.measures:
         _add_dimension(msp, measure, mm)
+    # In a fixed order: ezdxf takes them from a set, whose order differs from process to process.
+    doc.classes.add_required_classes(doc.dxfversion)
+    doc.classes.classes = dict(sorted(doc.classes.classes.items()))
     return doc
 
 
