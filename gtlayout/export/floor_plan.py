@@ -30,8 +30,6 @@ from gtlayout.instances import Extent, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
 
-CLOSE_SHARE = 0.005
-"""A floor that ends this near a wall's foot, as a share of the plan's size, ends at the wall (6 m: 3 cm)."""
 _SAME_SHARE = 1e-9
 """Lengths that differ by less are equal."""
 
@@ -126,7 +124,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
                 _dropped(layout.extents[i], frame),
                 _dropped(layout.inferred[i], frame) if layout.inferred else MultiPolygon(),
                 on_the_floor,
-                CLOSE_SHARE * size,
+                CORNER_SHARE * size,
             )
             for i in others
             if layout.instances[i].label == "floor"

@@ -51,7 +51,7 @@ def draw_at(plan: FloorPlan, mm_per_unit: float, scale: str) -> Drawing:
     lines = [Line("slanted", ring, one.name, closed=True) for one in plan.outlines for ring in rings(one.region)]
     for room in plan.rooms:
         lines += [Line("open", points, room.name) for points in room.open]
-        lines += [Line("inferred", ring, room.name, closed=True) for ring in rings(room.inferred)]
+        lines += [Line("inferred", points, room.name) for points in room.inferred_outline]
     for wall in plan.walls:
         lines += [Line("weak_walls" if wall.weak else "walls", wall.at(part), wall.name) for part in wall.drawn]
     lines += [

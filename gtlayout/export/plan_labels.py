@@ -21,7 +21,7 @@ from gtlayout.export.plan_walls import Footprint
 from gtlayout.figures import short
 from gtlayout.scene import OPENINGS, FloatArray
 
-CLEAR_MM = 0.6
+CLEAR_MM = 0.8
 """Between a label and everything else."""
 NEXT_ROW_MM, ROWS = 4.5, 3
 FIRST_ROW_MM = 2.0
