@@ -124,6 +124,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
                 _dropped(layout.extents[i], frame),
                 _dropped(layout.inferred[i], frame) if layout.inferred else MultiPolygon(),
                 on_the_floor,
+                tuple(openings.values()),
                 CORNER_SHARE * size,
             )
             for i in others

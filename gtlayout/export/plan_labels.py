@@ -5,8 +5,9 @@ A label stands beside its wall where there is room, else further away at the end
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import shapely
@@ -31,7 +32,9 @@ MOST_OVERHANG = 1.5
 """A text beside its wall is at most so much longer than the wall."""
 LEADS_MM = tuple(range(6, 90, 4))
 """Lengths of the lines that lead to a label, and their directions from straight across the wall."""
-LEADS_DEG = tuple(side * turn for turn in (0.0, 20.0, 40.0, 60.0, 180.0, 160.0, 140.0, 120.0) for side in (1.0, -1.0))
+LEADS_DEG = tuple(
+    side * turn for turns in (range(0, 80, 10), range(180, 100, -10)) for turn in turns for side in (1.0, -1.0)
+)
 LEAD_START_MM = 1.0
 STEEP = 0.35
 """Where a lead runs less to the side than this, its label is centred over or below its end."""
@@ -103,14 +106,17 @@ def labels(plan: FloorPlan, free: Free, mm: float) -> tuple[list[Text], list[Lin
     placed: list[Label] = []
     covered: list[BaseGeometry] = []
     missing: list[str] = []
-    named = sorted((*plan.openings, *plan.walls), key=lambda one: (one.label not in OPENINGS, -one.length))
-    wanted = [_room_labels(one, free.lines, plan.metric, mm) for one in plan.rooms]
-    wanted += [list(_labels(one, label_text(one, plan.metric), mm)) for one in named]
+    # To the millimetre on paper: walls that are as long but for rounding keep their order.
+    named = sorted((*plan.openings, *plan.walls), key=lambda one: (one.label not in OPENINGS, -round(one.length / mm)))
+    wanted: list[Callable[[], Iterable[Label]]] = [
+        partial(_room_labels, one, free.lines, plan.metric, mm) for one in plan.rooms
+    ]
+    wanted += [partial(_labels, one, label_text(one, plan.metric), mm) for one in named]
     for candidates in wanted:
-        label = next((one for one in candidates if one.is_clear(free, covered, gap)), None)
-        label = label or next((one for one in candidates if one.is_legible(free, covered, gap)), None)
+        label = next((one for one in candidates() if one.is_clear(free, covered, gap)), None)
+        label = label or next((one for one in candidates() if one.is_legible(free, covered, gap)), None)
         if label is None:
-            missing.append(", ".join(text.text for text in candidates[0].texts))
+            missing.append(", ".join(text.text for text in next(iter(candidates())).texts))
         else:
             placed.append(label)
             covered += [*label.boxes, *label.leads]

@@ -43,17 +43,29 @@ class Room:
         return float(self.region.area)
 
 
-def room(name: str, seen: MultiPolygon, inferred: MultiPolygon, lines: Sequence[Footprint], tolerance: float) -> Room:
-    """The room of a floor; walls, and openings without one, close it where it ends nearer than ``tolerance``."""
+def room(
+    name: str,
+    seen: MultiPolygon,
+    inferred: MultiPolygon,
+    lines: Sequence[Footprint],
+    openings: Sequence[Footprint],
+    tolerance: float,
+) -> Room:
+    """The room of a floor; ``lines``, of walls and of openings without one, close it where it ends near them.
+
+    Nearer than ``tolerance``, that is. ``openings`` are those in the walls.
+    """
     region = seen
     for one in lines:
         region = _up_to(region, one, min(tolerance, _SHORT_WALL * one.length))
+    region = _without_slivers(region, tolerance)
     feet = [[LineString(one.ends) for one in lines if one.weak is weak] for weak in (False, True)]
     known, weak = (shapely.union_all([foot.buffer(_ON_WALL * tolerance) for foot in some]) for some in feet)
     by_known = region.boundary.difference(known)
     left = by_known.difference(weak)
     more = polygons(inferred.difference(region))
-    drawn = [region.boundary, *(LineString(one.at(part)) for one in lines for part in one.inferred), *feet[0], *feet[1]]
+    guessed = [LineString(one.at(part)) for one in (*lines, *openings) for part in one.inferred]
+    drawn = [region.boundary, *guessed, *feet[0], *feet[1]]
     rest = more.boundary.difference(shapely.union_all(drawn).buffer(_ON_WALL * tolerance))
     weak_length = float(by_known.length - left.length)
     return Room(name, region, _lines(left, tolerance), weak_length > tolerance, more, _lines(rest, tolerance))
@@ -62,7 +74,8 @@ def room(name: str, seen: MultiPolygon, inferred: MultiPolygon, lines: Sequence[
 def _lines(geometry: BaseGeometry, shortest: float) -> tuple[FloatArray, ...]:
     """(N, 2) each: the lines in it, joined, without the shortest."""
     merged = shapely.line_merge(geometry) if geometry.geom_type == "MultiLineString" else geometry
-    return tuple(shapely.get_coordinates(line) for line in shapely.get_parts(merged) if line.length > shortest)
+    lines = shapely.get_parts(merged.simplify(_ON_WALL * shortest))
+    return tuple(shapely.get_coordinates(line) for line in lines if line.length > shortest)
 
 
 def _up_to(region: MultiPolygon, wall: Footprint, tolerance: float) -> MultiPolygon:
@@ -76,8 +89,15 @@ def _up_to(region: MultiPolygon, wall: Footprint, tolerance: float) -> MultiPoly
     beyond = _strip(wall, everywhere, -tolerance).difference(_strips(wall, outside, -tolerance))
     # A floor that lies on the far side ends at the wall, too.
     before = _strips(wall, outside, tolerance).difference(_strips(wall, inside, tolerance))
-    moved = polygons(filled.difference(beyond).difference(before))
-    return MultiPolygon([part for part in moved.geoms if part.area > tolerance**2])
+    return polygons(filled.difference(beyond).difference(before))
+
+
+def _without_slivers(region: MultiPolygon, tolerance: float) -> MultiPolygon:
+    """The region without what hangs on it by a thread, such as what was cut off behind two walls' corner."""
+    step = _ON_WALL * tolerance
+    parts = polygons(region.buffer(-step, join_style="mitre")).geoms
+    large = MultiPolygon([part for part in parts if part.area > tolerance**2])
+    return polygons(large.buffer(step, join_style="mitre"))
 
 
 def _covered(region: BaseGeometry, wall: Footprint, away: float) -> list[FloatArray]:

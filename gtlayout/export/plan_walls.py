@@ -143,7 +143,10 @@ def _gap(wall: Footprint, point: FloatArray) -> float:
 def without(wall: Footprint, openings: Sequence[Footprint]) -> Footprint:
     """The wall with gaps where its doors and windows are, and what is inferred only where nothing was seen."""
     gaps = [np.sort((opening.ends - wall.ends[0]) @ wall.along) for opening in openings]
-    inferred = _minus(wall.inferred, [*gaps, *wall.drawn])
+    guessed = [
+        np.sort((opening.at(part) - wall.ends[0]) @ wall.along) for opening in openings for part in opening.inferred
+    ]
+    inferred = _minus(wall.inferred, [*gaps, *guessed, *wall.drawn])
     return replace(wall, drawn=_minus(wall.drawn, gaps), inferred=inferred)
 
 
