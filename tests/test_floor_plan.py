@@ -250,6 +250,12 @@ def test_a_floor_that_goes_on_behind_a_wall_is_not_cut(tmp_path: Path) -> None:
     assert sum(float(shapely.LineString(one).length) for one in room.open) == pytest.approx(6.0, abs=0.01)
 
 
+def test_a_floor_alone_is_a_room_without_walls(tmp_path: Path) -> None:
+    plan = floor_plan(*made(tmp_path, (rooms.FLOOR,)))
+    assert [shapely.LineString(one).length for one in plan.rooms[0].open] == pytest.approx([18.0], abs=0.01)
+    assert_legible(draw(plan))
+
+
 def test_what_is_inferred_is_dashed_and_no_part_of_what_was_seen(room: tuple[Scene, Layout]) -> None:
     """The room's first two metres were not seen, nor the wall and the part of the window there."""
     plan = floor_plan(room[0], half_seen(room[1]))

@@ -102,7 +102,11 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
         for i, host in hosts.items()
         if host is None or host in walls
     }
-    size = _size([wall.ends for wall in walls.values()])
+    others = [i for i in seen if i not in walls and i not in openings and layout.instances[i].label != "ceiling"]
+    if not (lines or others):
+        raise GtlayoutError("no floor plan: the layout has no wall, floor or slanted surface whose place is known")
+    regions = {i: _dropped(layout.extents[i], frame) for i in others}
+    size = _size([one.ends for one in lines.values()] or [shapely.get_coordinates(one) for one in regions.values()])
     joined = dict(zip(walls, join_corners(tuple(walls.values()), CORNER_SHARE * size), strict=True))
     cut = [
         with_certainty(
@@ -110,9 +114,6 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
         )
         for i, wall in joined.items()
     ]
-    others = [i for i in seen if i not in walls and i not in openings and layout.instances[i].label != "ceiling"]
-    if not (lines or others):
-        raise GtlayoutError("no floor plan: the layout has no wall, floor or slanted surface whose place is known")
     names = [instance.name for instance in layout.instances]
     on_the_floor = [*cut, *(one for i, one in openings.items() if hosts[i] is None)]
     return FloorPlan(
@@ -121,7 +122,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
         tuple(
             room(
                 names[i],
-                _dropped(layout.extents[i], frame),
+                regions[i],
                 _dropped(layout.inferred[i], frame) if layout.inferred else MultiPolygon(),
                 on_the_floor,
                 tuple(openings.values()),
@@ -133,7 +134,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
         tuple(cut),
         tuple(openings.values()),
         tuple(
-            Outline(names[i], layout.instances[i].label, _dropped(layout.extents[i], frame))
+            Outline(names[i], layout.instances[i].label, regions[i])
             for i in others
             if layout.instances[i].label != "floor"
         ),
@@ -148,8 +149,8 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
 
 
 def _size(points: Sequence[FloatArray]) -> float:
-    """Of all points, (N, 2) each, from corner to corner; 0 without any."""
-    return float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0))) if points else 0.0
+    """Of all points, (N, 2) each, from corner to corner."""
+    return float(np.linalg.norm(np.ptp(np.concatenate(points), axis=0)))
 
 
 def _along_longest_wall(frame: PlaneFrame, lines: Sequence[Footprint]) -> PlaneFrame:

@@ -11,7 +11,7 @@ from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.export.plan_walls import Footprint
-from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.polygons import grid_for, polygons
 from gtlayout.scene import FloatArray
 
 _ON_WALL = 1e-3
@@ -97,7 +97,9 @@ def _without_slivers(region: MultiPolygon, tolerance: float) -> MultiPolygon:
     step = _ON_WALL * tolerance
     parts = polygons(region.buffer(-step, join_style="mitre")).geoms
     large = MultiPolygon([part for part in parts if part.area > tolerance**2])
-    return polygons(large.buffer(step, join_style="mitre"))
+    whole = large.buffer(step, join_style="mitre")
+    # The same corners, from the same one on, whatever the last bits of the planes are.
+    return polygons(shapely.set_precision(whole, grid_for(tolerance)).normalize().simplify(step))
 
 
 def _covered(region: BaseGeometry, wall: Footprint, away: float) -> list[FloatArray]:

@@ -84,7 +84,8 @@ def _shape(shape: Area | Line, page: Page) -> str:
 def _text(text: Text, start_mm: FloatArray, mm_per_unit: float) -> str:
     """As wide as in Helvetica, whatever face the reader has: what does not overlap here does not overlap there."""
     x, y = start_mm
-    turned = f" rotate({-text.angle_deg:.3f})" if text.angle_deg else ""
+    angle_deg = round(-text.angle_deg, 3)
+    turned = f" rotate({angle_deg:.3f})" if angle_deg else ""
     return (
         f'<text class="text {text.layer}" transform="translate({x:.3f} {y:.3f}){turned}" '
         f'font-size="{text.height * mm_per_unit / CAPITALS:.3f}" textLength="{text.width * mm_per_unit:.3f}" '
