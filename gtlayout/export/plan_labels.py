@@ -44,6 +44,7 @@ AREA_MM = 3.0
 LINE_SHARE = 1.7
 """From line to line, of the height of capitals."""
 ROOM_GRID = 24
+_NEARLY = 1 - 1e-6
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ class Label:
 
 
 def _near(shapes: Sequence[BaseGeometry], others: Sequence[BaseGeometry], gap: float) -> bool:
-    return any(shapely.dwithin(shape, others, gap).any() for shape in shapes)
+    # What is exactly as far, but for rounding, is far enough.
+    return any(shapely.dwithin(shape, others, gap * _NEARLY).any() for shape in shapes)
 
 
 def upright(angle_deg: float) -> float:
