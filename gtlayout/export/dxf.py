@@ -6,13 +6,14 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import FloorPlan, floor_plan
 from gtlayout.export.font_cache import without_font_cache
 from gtlayout.export.plan_drawing import draw
 from gtlayout.export.plan_measures import ABOVE_MM
-from gtlayout.export.plan_shapes import STYLES, Drawing, Layer, Measure, directions
+from gtlayout.export.plan_shapes import STYLES, Area, Drawing, Layer, Line, Measure, directions
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
@@ -68,22 +69,16 @@ def _document(plan: FloorPlan, drawing: Drawing) -> Document:
         doc.header.custom_vars.append(name, " ".join(repr(float(number)) for number in vector))
     doc.header.custom_vars.append("unit", unit(plan.metric))
     mm = 1.0 / drawing.mm_per_unit
-    for layer, style in STYLES.items():
-        linetype = "CONTINUOUS"
-        if style.dashes_mm:
-            dash, space = (length * mm for length in style.dashes_mm)
-            linetype = f"GTLAYOUT_{layer.upper()}"
-            doc.linetypes.add(linetype, [dash + space, dash, -space], description=layer.capitalize())
-        lineweight = _nearest_lineweight(style.width_mm)
-        doc.layers.add(layer.upper(), color=COLORS[layer], lineweight=lineweight, linetype=linetype)
+    looks = {layer: _look(doc, layer, mm) for layer in STYLES}
+    for layer, look in looks.items():
+        doc.layers.add(layer.upper(), **look)
     msp = doc.modelspace()
-    for area in drawing.areas:
-        hatch = msp.add_hatch(color=BY_LAYER, dxfattribs={"layer": area.layer.upper()})
-        hatch.transparency = TRANSPARENCY
-        for ring in area.rings:
-            hatch.paths.add_polyline_path(ring.tolist(), is_closed=True)
-    for line in drawing.lines:
-        msp.add_lwpolyline(line.points.tolist(), close=line.closed, dxfattribs={"layer": line.layer.upper()})
+    shapes: tuple[Area | Line, ...] = (*drawing.areas, *drawing.lines)
+    for shape in shapes:
+        _add(msp, shape, {"layer": shape.layer.upper()})
+    for sample in drawing.legend:
+        # Not on the layer itself, which holds the room and nothing else.
+        _add(msp, sample, {"layer": "NOTES", **looks[sample.layer]})
     for text in drawing.texts:
         msp.add_text(
             text.text,
@@ -97,6 +92,27 @@ def _document(plan: FloorPlan, drawing: Drawing) -> Document:
     doc.classes.add_required_classes(doc.dxfversion)
     doc.classes.classes = dict(sorted(doc.classes.classes.items()))
     return doc
+
+
+def _look(doc: Document, layer: Layer, mm: float) -> dict[str, Any]:
+    """Colour, line weight and type of a layer; ``mm`` of paper in the drawing's unit."""
+    style = STYLES[layer]
+    linetype = "CONTINUOUS"
+    if style.dashes_mm:
+        dash, space = (length * mm for length in style.dashes_mm)
+        linetype = f"GTLAYOUT_{layer.upper()}"
+        doc.linetypes.add(linetype, [dash + space, dash, -space], description=layer.capitalize())
+    return {"color": COLORS[layer], "lineweight": _nearest_lineweight(style.width_mm), "linetype": linetype}
+
+
+def _add(msp: Modelspace, shape: Area | Line, attributes: dict[str, Any]) -> None:
+    if isinstance(shape, Line):
+        msp.add_lwpolyline(shape.points.tolist(), close=shape.closed, dxfattribs=attributes)
+        return
+    hatch = msp.add_hatch(color=attributes.get("color", BY_LAYER), dxfattribs={"layer": attributes["layer"]})
+    hatch.transparency = TRANSPARENCY
+    for ring in shape.rings:
+        hatch.paths.add_polyline_path(ring.tolist(), is_closed=True)
 
 
 def _add_dimension(msp: Modelspace, measure: Measure, mm: float) -> None:
