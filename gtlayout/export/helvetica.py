@@ -5,6 +5,8 @@ Source: Adobe, "Core 14 AFM", Helvetica.afm. Arial and Liberation Sans have the 
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 CAPITALS = 0.718
 """Height of capitals as a share of the font size."""
 _BY_WIDTH = {
@@ -35,6 +37,11 @@ _OTHER = 0.7
 """For what is not listed: a little more than most take."""
 
 
+@lru_cache(maxsize=1024)
+def _width(text: str) -> float:
+    return sum(_WIDTHS.get(character, _OTHER) for character in text)
+
+
 def text_width(text: str, capitals: float) -> float:
     """Width of a text whose capitals are ``capitals`` high, in the same unit."""
-    return capitals / CAPITALS * sum(_WIDTHS.get(character, _OTHER) for character in text)
+    return capitals / CAPITALS * _width(text)

@@ -25,7 +25,7 @@ MARGIN_MM = 8.0
 SCALES = (10, 20, 25, 50, 100, 200, 500, 1000)
 SMALLER = 0.93
 """From one try to the next, where there is no usual scale."""
-TRIES = 100
+TRIES = 30
 WINDOW_MM, JAMB_MM = 0.8, 1.4
 """Half the width of a window's sign, and of the short lines at both ends of an opening."""
 

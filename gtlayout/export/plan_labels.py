@@ -75,17 +75,23 @@ class Label:
         """Its lead, or nothing."""
         return [] if self.lead is None else [LineString(self.lead)]
 
-    def is_clear(self, free: Free, covered: Sequence[BaseGeometry], gap: float) -> bool:
-        """Whether its texts and its lead come no nearer than ``gap`` to anything."""
-        return self.is_legible(free, covered, gap) and (
-            self.lead is None or not _near([LineString(self.lead)], free.lines, gap)
-        )
-
     def is_legible(self, free: Free, covered: Sequence[BaseGeometry], gap: float) -> bool:
-        """The same, but that the lead may cross lines, as it must to leave a corner of short walls."""
-        return not (
-            _near(self.boxes, [*free.lines, *free.areas], gap) or _near([*self.boxes, *self.leads], covered, gap)
-        )
+        """Whether its texts come no nearer than ``gap`` to anything, and its lead to no other label."""
+        boxes, lines = self.boxes, [*free.lines, *free.areas]
+        return not (_near(boxes, lines, gap) or _near(boxes, covered, gap) or _near(self.leads, covered, gap))
+
+
+def _best(candidates: Iterable[Label], free: Free, covered: Sequence[BaseGeometry], gap: float) -> Label | None:
+    """The first that is legible and whose lead crosses no line; without one, as in a corner of short walls, the first
+    that is legible.
+    """
+    crossing = None
+    for label in candidates:
+        if label.is_legible(free, covered, gap):
+            if not _near(label.leads, free.lines, gap):
+                return label
+            crossing = crossing or label
+    return crossing
 
 
 def _near(shapes: Sequence[BaseGeometry], others: Sequence[BaseGeometry], gap: float) -> bool:
@@ -115,8 +121,7 @@ def labels(plan: FloorPlan, free: Free, mm: float) -> tuple[list[Text], list[Lin
     ]
     wanted += [partial(_labels, one, label_text(one, plan.metric), mm) for one in named]
     for candidates in wanted:
-        label = next((one for one in candidates() if one.is_clear(free, covered, gap)), None)
-        label = label or next((one for one in candidates() if one.is_legible(free, covered, gap)), None)
+        label = _best(candidates(), free, covered, gap)
         if label is None:
             missing.append(", ".join(text.text for text in next(iter(candidates())).texts))
         else:

@@ -108,17 +108,16 @@ class Text:
     @property
     def start(self) -> FloatArray:
         """(2,) where its line begins."""
-        if not self.centred:
-            return self.at
         along, up = directions(self.angle_deg)
-        return self.at - self.width / 2 * along - self.height / 2 * up
+        return self.at - (self.width / 2 * along + self.height / 2 * up if self.centred else 0.0)
 
     @property
     def box(self) -> Polygon:
         """What it covers."""
         along, up = directions(self.angle_deg)
-        low, high = self.start - DESCENT * self.height * up, self.start + self.height * up
-        return Polygon([low, low + self.width * along, high + self.width * along, high])
+        wide, start = self.width * along, self.start
+        low, high = start - DESCENT * self.height * up, start + self.height * up
+        return shapely.polygons(np.stack([low, low + wide, high + wide, high]))
 
 
 @dataclass(frozen=True)
