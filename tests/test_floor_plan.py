@@ -25,7 +25,7 @@ from gtlayout.export.plan_labels import Free, area_texts, labels
 from gtlayout.export.plan_measures import length_text
 from gtlayout.export.plan_rooms import Room
 from gtlayout.export.plan_shapes import STYLES, Drawing
-from gtlayout.export.plan_walls import BAND_SIGMAS, Footprint
+from gtlayout.export.plan_walls import BAND_SIGMAS, Footprint, join_corners
 from gtlayout.geometry.polygons import half_plane, polygons
 from gtlayout.instances import Extent
 from gtlayout.layout import Layout
@@ -242,6 +242,30 @@ def test_floors_end_at_the_walls_that_they_nearly_reach(tmp_path: Path, low: flo
     assert room.open == ()
 
 
+def test_a_short_wall_moves_no_floor_further_than_itself(tmp_path: Path) -> None:
+    """A stub of 10 cm, 10 cm behind the end of the floor."""
+    floor = rooms.Surface("floor", rooms.rectangle([0, 0, 0], [4.0, 0, 0], [0, 4.9, 0]))
+    stub = rooms.Surface("wall", rooms.rectangle([1.0, 5.0, 0], [0.1, 0, 0], [0, 0, 2.5]))
+    (room,) = floor_plan(*made(tmp_path, (floor, rooms.LEFT, rooms.RIGHT, rooms.NEAR, stub))).rooms
+    assert room.area == pytest.approx(4.0 * 4.9, abs=1e-4)
+
+
+def test_a_floor_behind_a_wall_begins_at_it(tmp_path: Path) -> None:
+    """Another room, seen through a gap in the far wall, and drawn from 5 cm before it."""
+    floor = rooms.Surface("floor", rooms.rectangle([1.0, 4.95, 0], [2.0, 0, 0], [0, 2.05, 0]))
+    (_, behind) = floor_plan(*made(tmp_path, (rooms.FLOOR, floor, *rooms.BOX[2:]))).rooms
+    assert behind.area == pytest.approx(4.0, abs=1e-6)
+
+
+def test_what_is_inferred_stays_where_it_is_when_its_wall_gets_longer() -> None:
+    level = Footprint("a", "wall", np.array([[0.05, 0], [3.0, 0]]), np.array([0, -1.0]), np.array([[0, 2.95]]))
+    level = replace(level, inferred=np.array([[2.95, 4.0]]))
+    upright = Footprint("b", "wall", np.array([[0, -2.0], [0, 0]]), np.array([1.0, 0]), np.array([[0, 2.0]]))
+    longer, _ = join_corners([level, upright], 0.1)
+    np.testing.assert_allclose(longer.ends, [[0, 0], [3, 0]], atol=1e-12)
+    np.testing.assert_allclose(longer.at(longer.inferred.ravel()), level.at(level.inferred.ravel()), atol=1e-12)
+
+
 def test_a_floor_that_goes_on_behind_a_wall_is_not_cut(tmp_path: Path) -> None:
     """Seen through a gap: 1 m beyond the far wall."""
     floor = rooms.Surface("floor", rooms.rectangle([0, 0, 0], [4.0, 0, 0], [0, 6.0, 0]))
@@ -292,7 +316,8 @@ def half_seen(layout: Layout) -> Layout:
             near = without_slivers(near.intersection(extent.region))
         elif (extent.frame.origin - SHIFT) @ TURN[:, 1] > 2.0:
             near = rooms.NOTHING
-        inferred.append(Extent(extent.frame, near, near))
+        # More than is missing: what was seen is not inferred.
+        inferred.append(extent)
         far = without_slivers(extent.region.difference(near))
         seen.append(Extent(extent.frame, far, far))
     return replace(layout, extents=tuple(seen), inferred=tuple(inferred), dimensions=())

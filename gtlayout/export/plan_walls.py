@@ -95,17 +95,16 @@ def footprint(layout: Layout, i: int, frame: PlaneFrame) -> Footprint | None:
     seen = reach(extent.region)
     first, last = seen[0, 0], seen[-1, 1]
     ends = foot + np.outer([first, last], along)
-    inferred = reach(layout.inferred[i].region) - first if layout.inferred else _nothing()
-    return Footprint(instance.name, instance.label, ends, inside, seen - first, inferred)
+    inferred = _minus(reach(layout.inferred[i].region), list(seen)) if layout.inferred else _nothing()
+    return Footprint(instance.name, instance.label, ends, inside, seen - first, inferred - first)
 
 
 def on_line(opening: Footprint, wall: Footprint) -> Footprint:
     """The opening dropped onto its wall's line."""
     first, last = np.sort((opening.ends - wall.ends[0]) @ wall.along)
-    shift = first - float((opening.ends[0] - wall.ends[0]) @ wall.along)
     ends = wall.ends[0] + np.outer([first, last], wall.along)
     drawn = np.array([[0.0, last - first]])
-    return replace(opening, ends=ends, inside=wall.inside, drawn=drawn, inferred=opening.inferred - shift)
+    return replace(opening, ends=ends, inside=wall.inside, drawn=drawn)
 
 
 def join_corners(walls: Sequence[Footprint], reach: float) -> list[Footprint]:
@@ -159,7 +158,7 @@ def with_certainty(wall: Footprint, layout: Layout, i: int, frame: PlaneFrame, s
         weak = level == 0
     else:
         limit = UPPER_ENDS_M[10] if layout.metric else WEAK_SHARE * size
-        weak = not SIGMAS_95 * sigma.max() <= limit  # NaN, too, is weak
+        weak = bool(SIGMAS_95 * sigma.max() > limit)
     if weak or not np.isfinite(sigma).all():
         return replace(wall, weak=True)
     reach = BAND_SIGMAS * sigma[:, None] * wall.inside
