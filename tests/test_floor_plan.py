@@ -19,10 +19,10 @@ from shapely.geometry.base import BaseGeometry
 from gtlayout.accuracy import accuracy_of
 from gtlayout.errors import GtlayoutError
 from gtlayout.export import Format, export_layout
-from gtlayout.export.floor_plan import FloorPlan, floor_plan
+from gtlayout.export.floor_plan import FloorPlan, PlanDimension, floor_plan
 from gtlayout.export.plan_drawing import MARGIN_MM, draw
 from gtlayout.export.plan_labels import Free, area_texts, labels
-from gtlayout.export.plan_measures import length_text
+from gtlayout.export.plan_measures import length_text, sides
 from gtlayout.export.plan_rooms import Room
 from gtlayout.export.plan_shapes import STYLES, Drawing
 from gtlayout.export.plan_walls import BAND_SIGMAS, Footprint, join_corners
@@ -340,6 +340,33 @@ def _scaled(plan: FloorPlan, scale: float) -> FloorPlan:
         dimensions=tuple(replace(one, ends=scale * one.ends, length=scale * one.length) for one in plan.dimensions),
         metric=scale == 1.0,
     )
+
+
+def test_the_best_known_widths_have_lines_and_the_others_stand_in_the_notes(room: tuple[Scene, Layout]) -> None:
+    """Six between the same two walls: four lines, each further out, and two notes."""
+    plan = floor_plan(*room)
+    width = next(one for one in plan.dimensions if one.kind == "width")
+    plan = replace(plan, dimensions=tuple(replace(width, sigma=0.01 * k) for k in (6, 1, 5, 2, 3, 4)))
+    found, others = sides(plan)
+    assert sorted(side.dimension.sigma for side in found) == pytest.approx([0.01, 0.02, 0.03, 0.04])
+    assert [one.sigma for one in others] == pytest.approx([0.05, 0.06])
+    drawing = draw(plan)
+    assert len(drawing.measures) == 4
+    lines = [shapely.LineString(measure.ends) for measure in drawing.measures]
+    assert min(a.distance(b) for a, b in pairwise(lines)) * drawing.mm_per_unit == pytest.approx(7.0)
+    assert sum("width wall_2" in text.text for text in drawing.texts) == 2
+
+
+def test_dimension_lines_stand_where_their_walls_end(tmp_path: Path) -> None:
+    """Left and right wall were seen from y = 3 m on: the width stands behind the far wall."""
+    sidewalls = [replace(one, corners=np.maximum(one.corners, [0, 3.0, 0])) for one in (rooms.LEFT, rooms.RIGHT)]
+    plan = floor_plan(*made(tmp_path, (rooms.FLOOR, *sidewalls, rooms.FAR)))
+    ends = np.array([[[0, 4.0, 1], [4.0, 4.0, 1]]]) @ TURN.T + SHIFT
+    width = PlanDimension("width", ("wall_1", "wall_2"), 4.0, 0.01, plan.frame.to_plane(ends[0]))
+    drawing = draw(replace(plan, dimensions=(width,)))
+    (measure,) = drawing.measures
+    assert (in_world(plan, measure.ends)[:, 1] > 5.0).all()
+    assert_legible(drawing)
 
 
 def test_lengths_are_written_with_their_uncertainty() -> None:
