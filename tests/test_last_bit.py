@@ -16,6 +16,8 @@ from shapely import MultiPolygon
 from gtlayout.correspondence.matching import _join_across_gaps
 from gtlayout.edges import EdgeConfig, contact_edges
 from gtlayout.export.floor_plan import floor_plan
+from gtlayout.export.plan_drawing import draw
+from gtlayout.export.svg import svg_text
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.hosts import find_hosts
@@ -185,6 +187,17 @@ def test_the_plan_lies_along_the_first_of_two_walls_as_long(tmp_path: Path) -> N
     for seed in range(20):
         noisy = replace(layout, planes=tuple(_moved(layout.planes, np.random.default_rng(seed))))
         np.testing.assert_allclose(floor_plan(scene, noisy).frame.axes, axes, atol=1e-9)
+
+
+def test_the_plan_is_drawn_alike(tmp_path: Path) -> None:
+    """With two sides as long, a room whose middle is anywhere along a line, and labels with several places as good."""
+    scene, layout = made(tmp_path)
+    drawn = svg_text(draw(floor_plan(scene, layout)), "m")
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        extents = tuple(replace(one, region=_redrawn(one.region, rng)) for one in layout.extents)
+        noisy = replace(layout, planes=tuple(_moved(layout.planes, rng)), extents=extents)
+        assert svg_text(draw(floor_plan(scene, noisy)), "m") == drawn
 
 
 def test_the_frame_of_a_level_plane_does_not_turn() -> None:

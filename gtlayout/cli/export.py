@@ -29,8 +29,8 @@ def export(
     scene_dir
         The scene folder.
     to
-        The format: meshes (glb with y up, ply, obj), a floor plan (svg, dxf), a building model with z up (ifc, usd,
-        scenescript), a table of all dimensions (csv), or a folder as in the CAD-Estate release.
+        The format: meshes (glb with y up, ply, obj), a floor plan (svg, pdf for A4, dxf), a building model with z up
+        (ifc, usd, scenescript), a table of all dimensions (csv), or a folder as in the CAD-Estate release.
     out
         The file, or new folder, to write; beside the layout when not given.
     layout

@@ -12,7 +12,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
-Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "dxf", "ifc", "usd", "scenescript", "csv"]
+Format = Literal["glb", "ply", "obj", "cad-estate", "svg", "pdf", "dxf", "ifc", "usd", "scenescript", "csv"]
 Writer = Callable[[Path, Scene, Layout], None]
 """Writes a layout, and the parts of its scene that the format holds, to a file or a new folder: all of it or nothing.
 
@@ -53,6 +53,7 @@ EXPORTERS: dict[Format, Exporter] = {
     "obj": Exporter("layout.obj", "gtlayout.export.obj"),
     "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
     "svg": Exporter("floor_plan.svg", "gtlayout.export.svg"),
+    "pdf": Exporter("floor_plan.pdf", "gtlayout.export.pdf"),
     "dxf": Exporter("floor_plan.dxf", "gtlayout.export.dxf"),
     "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
     "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),

@@ -6,39 +6,45 @@ import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-
-import ezdxf
-import numpy as np
-from ezdxf.document import Drawing as Document
-from ezdxf.enums import TextEntityAlignment
-from ezdxf.layouts import Modelspace
+from typing import Any
 
 from gtlayout.export import unit
 from gtlayout.export.floor_plan import FloorPlan, floor_plan
-from gtlayout.export.plan_drawing import TICK_MM, Drawing, Layer, Measure, draw
-from gtlayout.export.plan_labels import upright
+from gtlayout.export.font_cache import without_font_cache
+from gtlayout.export.plan_drawing import draw
+from gtlayout.export.plan_measures import ABOVE_MM
+from gtlayout.export.plan_shapes import STYLES, Area, Drawing, Layer, Line, Measure, directions
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
+
+with without_font_cache():
+    import ezdxf
+    from ezdxf.document import Drawing as Document
+    from ezdxf.enums import TextEntityAlignment
+    from ezdxf.layouts import Modelspace
 
 METRES, UNITLESS = 6, 0
 """$INSUNITS (Autodesk, DXF reference, HEADER section)."""
 TEXT_STYLE = "LiberationSans"
 BY_LAYER = 256
 TRANSPARENCY = 0.7
-DASHES_MM = (2.0, 1.2)
-LAYERS: dict[Layer, tuple[int, int]] = {
-    "floor": (31, 13),
-    "sigma": (151, 13),
-    "slanted": (193, 25),
-    "walls": (7, 70),
-    "doors": (12, 25),
-    "windows": (122, 25),
-    "dimensions": (8, 18),
-    "labels": (8, 18),
-    "notes": (8, 25),
+LINEWEIGHTS = (13, 15, 18, 20, 25, 30, 35, 40, 50, 53, 60, 70)
+COLORS: dict[Layer, int] = {
+    "floor": 31,
+    "sigma": 151,
+    "slanted": 193,
+    "open": 43,
+    "inferred": 94,
+    "walls": 7,
+    "weak_walls": 253,
+    "doors": 12,
+    "windows": 122,
+    "dimensions": 8,
+    "labels": 8,
+    "notes": 8,
 }
-"""Of each layer its AutoCAD colour index (7 is black on white, white on black) and line weight, 1/100 mm."""
+"""AutoCAD colour indices (7 is black on white, white on black)."""
 
 
 def write(path: Path, scene: Scene, layout: Layout) -> None:
@@ -63,53 +69,74 @@ def _document(plan: FloorPlan, drawing: Drawing) -> Document:
         doc.header.custom_vars.append(name, " ".join(repr(float(number)) for number in vector))
     doc.header.custom_vars.append("unit", unit(plan.metric))
     mm = 1.0 / drawing.mm_per_unit
-    dash, space = (length * mm for length in DASHES_MM)
-    doc.linetypes.add("GTLAYOUT_DASHED", [dash + space, dash, -space], description="Slanted surfaces")
-    for layer, (color, lineweight) in LAYERS.items():
-        linetype = "GTLAYOUT_DASHED" if layer == "slanted" else "CONTINUOUS"
-        doc.layers.add(layer.upper(), color=color, lineweight=lineweight, linetype=linetype)
+    looks = {layer: _look(doc, layer, mm) for layer in STYLES}
+    for layer, look in looks.items():
+        doc.layers.add(layer.upper(), **look)
     msp = doc.modelspace()
-    for area in drawing.areas:
-        hatch = msp.add_hatch(color=BY_LAYER, dxfattribs={"layer": area.layer.upper()})
-        hatch.transparency = TRANSPARENCY
-        for ring in area.rings:
-            hatch.paths.add_polyline_path(ring.tolist(), is_closed=True)
-    for line in drawing.lines:
-        msp.add_lwpolyline(line.points.tolist(), close=line.closed, dxfattribs={"layer": line.layer.upper()})
-    for arc in drawing.arcs:
-        msp.add_arc(
-            arc.center.tolist(), arc.radius, arc.start_deg, arc.end_deg, dxfattribs={"layer": arc.layer.upper()}
-        )
+    shapes: tuple[Area | Line, ...] = (*drawing.areas, *drawing.lines)
+    for shape in shapes:
+        _add(msp, shape, {"layer": shape.layer.upper()})
+    for sample in drawing.legend:
+        # Not on the layer itself, which holds the room and nothing else.
+        _add(msp, sample, {"layer": "NOTES", **looks[sample.layer]})
     for text in drawing.texts:
-        align = TextEntityAlignment.MIDDLE_CENTER if text.centred else TextEntityAlignment.LEFT
         msp.add_text(
             text.text,
             height=text.height,
             rotation=text.angle_deg,
             dxfattribs={"layer": text.layer.upper(), "style": TEXT_STYLE},
-        ).set_placement(text.at.tolist(), align=align)
+        ).set_placement(text.start.tolist(), align=TextEntityAlignment.LEFT)
     for measure in drawing.measures:
         _add_dimension(msp, measure, mm)
+    # In a fixed order: ezdxf takes them from a set, whose order differs from process to process.
+    doc.classes.add_required_classes(doc.dxfversion)
+    doc.classes.classes = dict(sorted(doc.classes.classes.items()))
     return doc
+
+
+def _look(doc: Document, layer: Layer, mm: float) -> dict[str, Any]:
+    """Colour, line weight and type of a layer; ``mm`` of paper in the drawing's unit."""
+    style = STYLES[layer]
+    linetype = "CONTINUOUS"
+    if style.dashes_mm:
+        dash, space = (length * mm for length in style.dashes_mm)
+        linetype = f"GTLAYOUT_{layer.upper()}"
+        doc.linetypes.add(linetype, [dash + space, dash, -space], description=layer.capitalize())
+    return {"color": COLORS[layer], "lineweight": _nearest_lineweight(style.width_mm), "linetype": linetype}
+
+
+def _add(msp: Modelspace, shape: Area | Line, attributes: dict[str, Any]) -> None:
+    if isinstance(shape, Line):
+        msp.add_lwpolyline(shape.points.tolist(), close=shape.closed, dxfattribs=attributes)
+        return
+    hatch = msp.add_hatch(color=attributes.get("color", BY_LAYER), dxfattribs={"layer": attributes["layer"]})
+    hatch.transparency = TRANSPARENCY
+    for ring in shape.rings:
+        hatch.paths.add_polyline_path(ring.tolist(), is_closed=True)
 
 
 def _add_dimension(msp: Modelspace, measure: Measure, mm: float) -> None:
     along = measure.ends[1] - measure.ends[0]
-    angle = float(np.rad2deg(np.arctan2(along[1], along[0])))
     # Points in the text's direction put the text above the line.
-    readable = upright(angle)
-    first, second = measure.origins if abs(readable - angle) < 90.0 else measure.origins[::-1]
-    sizes = {"dimtxt": measure.height, "dimtsz": TICK_MM * mm, "dimgap": mm, "dimexo": 2 * mm, "dimexe": mm}
-    colors = dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), LAYERS["dimensions"][0])
+    forward = along @ directions(measure.text.angle_deg)[0] > 0
+    first, second = measure.origins if forward else measure.origins[::-1]
+    tick, height = measure.tick, measure.text.height
+    sizes = {"dimtxt": height, "dimtsz": tick, "dimgap": ABOVE_MM * mm, "dimexo": 2 * tick, "dimexe": tick}
+    colors = dict.fromkeys(("dimclrd", "dimclre", "dimclrt"), COLORS["dimensions"])
     msp.add_linear_dim(
         base=measure.ends[0].tolist(),
         p1=first.tolist(),
         p2=second.tolist(),
-        angle=readable,
-        text=measure.text,
+        angle=measure.text.angle_deg,
+        text=measure.text.text,
         override={**sizes, **colors, "dimtad": 1, "dimtxsty": TEXT_STYLE, "dimscale": 1.0},
         dxfattribs={"layer": "DIMENSIONS"},
     ).render()
+
+
+def _nearest_lineweight(width_mm: float) -> int:
+    """1/100 mm, of those that DXF knows."""
+    return min(LINEWEIGHTS, key=lambda weight: abs(weight - 100 * width_mm))
 
 
 @contextmanager
