@@ -13,7 +13,7 @@ from gtlayout.export.shell import Surface, bodies
 from gtlayout.export.solid import Solid, between
 from gtlayout.export.upright import outline_in
 from gtlayout.geometry.polygons import half_plane, polygons
-from gtlayout.instances import Dimension, Extent
+from gtlayout.instances import Dimension, Extent, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray
 
@@ -24,6 +24,8 @@ MAX_BELOW = 0.5
 part of the room, and which part was not seen."""
 MIN_COVERED = 0.5
 """Slanted surfaces alone close a room upwards when they are above this share of its floor."""
+_UPRIGHT = 1e-6
+"""Planes whose normal is this near to upright are level: they have no direction upwards."""
 _LEVEL = 1e-9
 """Slopes below it are level."""
 _LEAST_HEIGHT = 0.01
@@ -196,3 +198,19 @@ def _without(region: MultiPolygon, cut: shapely.Geometry) -> MultiPolygon:
 def _clean(geometry: shapely.Geometry, area: float) -> MultiPolygon:
     """Its polygons, without those that are only rounding beside an area."""
     return MultiPolygon([one for one in polygons(geometry).geoms if one.area > MIN_AREA_SHARE * area])
+
+
+def overall(frame: PlaneFrame, region: MultiPolygon) -> tuple[float, float]:
+    """Height, as far upwards as the plane goes, and width of the rectangle about an outline."""
+    points = frame.to_world(shapely.get_coordinates(region))
+    normal = np.cross(*frame.axes)
+    along = np.cross([0.0, 0.0, 1.0], normal)
+    along = frame.axes[0] if np.linalg.norm(along) < _UPRIGHT else along / np.linalg.norm(along)
+    return float(np.ptp(points @ np.cross(normal, along))), float(np.ptp(points @ along))
+
+
+def size_of(extents: Sequence[Extent]) -> float:
+    """Length of the box's diagonal about everything; 1 for nothing."""
+    points = [extent.frame.to_world(shapely.get_coordinates(extent.region)) for extent in extents]
+    everything = np.concatenate(points) if points else np.empty((0, 3))
+    return float(np.linalg.norm(np.ptp(everything, axis=0))) if len(everything) else 1.0

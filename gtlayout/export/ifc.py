@@ -7,25 +7,27 @@ Reference View, shapes are swept solids and polyhedra, and openings are cut from
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import shapely
-from shapely import MultiPolygon
-
 from gtlayout.colors import LABEL_COLORS
-from gtlayout.export.building import Opening, Part, Room, openings, parts, rooms
+from gtlayout.export.building import Opening, Part, Room, openings, overall, parts, rooms, size_of
 from gtlayout.export.facts import NOT_METRIC, Fact, facts, scene_facts
-from gtlayout.export.ifc_facts import ACCURACY, ACCURACY_IS, NOT_SEEN, accuracy_values, inferred_accuracy, room_facts
-from gtlayout.export.ifc_file import IfcFile, Typed
+from gtlayout.export.ifc_facts import (
+    ACCURACY,
+    ACCURACY_IS,
+    NOT_SEEN,
+    accuracy_values,
+    inferred_accuracy,
+    room_facts,
+    typed,
+    verdicts,
+)
+from gtlayout.export.ifc_file import IfcFile
 from gtlayout.export.upright import turned, z_up_from_world
-from gtlayout.instances import Extent, PlaneFrame
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
-from gtlayout.quality.assess import assess
-from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import OPENINGS, Label, Scene
 
 THICKNESS_M: dict[Label, float] = {"door": 0.04, "window": 0.04}
@@ -53,9 +55,6 @@ NO_NORTH = (
     "axis but z means anything."
 )
 NO_FLOOR = "none: no floor is placed, so outline, area and height of the room are unknown"
-_LEVEL = 1e-6
-"""Planes whose normal is this near to upright are level: they have no direction upwards."""
-_TYPES = {bool: "IfcBoolean", float: "IfcReal", str: "IfcText"}
 
 
 def write(path: Path, scene: Scene, layout: Layout) -> None:
@@ -81,9 +80,9 @@ class _Model:
         rotation = z_up_from_world(scene, layout)
         self._extents = [turned(extent, rotation) for extent in layout.extents]
         inferred = [turned(extent, rotation) for extent in layout.inferred]
-        self._scale = 1.0 if layout.metric else _size(self._extents) / ROOM_M
+        self._scale = 1.0 if layout.metric else size_of(self._extents) / ROOM_M
         self._thickness = SHELL_THICKNESS_M * self._scale
-        self._verdicts = _verdicts(scene, layout)
+        self._verdicts = verdicts(scene, layout)
         self._layers: dict[str, list[Any]] = {}
         self._styles: dict[tuple[Label, bool], Any] = {}
         above_floors = rooms(layout, self._extents, inferred, self._thickness)
@@ -131,7 +130,7 @@ class _Model:
         known = {**scene_facts(self._scene, self._layout), "nominal_thickness": self._thickness}
         if not has_rooms:
             known["rooms"] = NO_FLOOR
-        self._file.properties(parent, "storey", PROPERTIES, _typed(known))
+        self._file.properties(parent, "storey", PROPERTIES, typed(known))
         return parent
 
     def _aggregate(self, parent: Any, key: str, children: Sequence[Any]) -> None:
@@ -158,7 +157,7 @@ class _Model:
         area = {"NetFloorArea": room.outline.area}
         self._file.quantities(space, f"space {name}", "Qto_SpaceBaseQuantities", height, area)
         known = room_facts(self._layout, room)
-        self._file.properties(space, f"space {name}", PROPERTIES, _typed(known))
+        self._file.properties(space, f"space {name}", PROPERTIES, typed(known))
         return space
 
     def _part(self, part: Part) -> Any:
@@ -166,18 +165,19 @@ class _Model:
         instance = self._layout.instances[part.instance]
         name = f"{instance.name} {INFERRED}" if part.inferred else instance.name
         solids = [self._file.faceted(solid) for solid in part.solids]
-        shape = self._shape("Tessellation", solids, instance.label, part.inferred)
+        # A window may leave nothing of its wall.
+        shape = self._shape("Tessellation", solids, instance.label, part.inferred) if solids else None
         product = self._product(part.instance, name, shape, self._file.placement(part.extent.frame, self._storey, None))
         area = part.extent.region.area
-        sides = ("GrossSideArea", "NetSideArea") if instance.label == "wall" else ("GrossArea", "NetArea")
-        quantities = dict(zip(sides, (area, part.net_area), strict=True))
-        self._file.quantities(product, name, CLASSES[instance.label][2], {}, quantities)
+        of = "SideArea" if instance.label == "wall" else "Area"
+        areas = {f"Gross{of}": area, f"Net{of}": part.net_area} if instance.label not in OPENINGS else {of: area}
+        self._file.quantities(product, name, CLASSES[instance.label][2], {}, areas)
         known: dict[str, Fact] = {"inferred": part.inferred, "nominal_thickness": self._thickness}
         if part.inferred:
             known |= {"area": area, "continues": instance.name, "metric": self._layout.metric}
         else:
             known |= facts(self._scene, self._layout, part.instance)
-        self._file.properties(product, name, PROPERTIES, _typed(known))
+        self._file.properties(product, name, PROPERTIES, typed(known))
         self._accuracy(product, name, part.instance, inferred=part.inferred)
         return product
 
@@ -189,7 +189,7 @@ class _Model:
         thickness = THICKNESS_M[instance.label] * self._scale
         shape = self._shape("SweptSolid", self._file.extruded(extent.region, thickness), instance.label, False)
         placement = self._file.placement(extent.frame, self._storey if opening is None else opening, within)
-        height, width = _overall(extent.frame, extent.region)
+        height, width = overall(extent.frame, extent.region)
         product = self._product(i, instance.name, shape, placement, OverallHeight=height, OverallWidth=width)
         if opening is not None:
             self._file.root(
@@ -201,7 +201,7 @@ class _Model:
         lengths, area = {"Width": width, "Height": height}, {"Area": extent.region.area}
         self._file.quantities(product, instance.name, CLASSES[instance.label][2], lengths, area)
         known = {**facts(self._scene, self._layout, i), "inferred": False, "nominal_thickness": thickness}
-        self._file.properties(product, instance.name, PROPERTIES, _typed(known))
+        self._file.properties(product, instance.name, PROPERTIES, typed(known))
         self._accuracy(product, instance.name, i, inferred=False)
         return product
 
@@ -223,7 +223,7 @@ class _Model:
             RelatingBuildingElement=host,
             RelatedOpeningElement=opening,
         )
-        height, width = _overall(frame, hole.outline)
+        height, width = overall(frame, hole.outline)
         lengths = {"Width": width, "Height": height, "Depth": self._thickness}
         area = {"Area": hole.outline.area}
         self._file.quantities(opening, f"opening {name}", "Qto_OpeningElementBaseQuantities", lengths, area)
@@ -237,7 +237,7 @@ class _Model:
             Name=self._file.label(name),
             Description=self._file.label(self._layout.planes[i].note) or None,
             ObjectPlacement=placement,
-            Representation=self._file.shapes(shape),
+            Representation=shape and self._file.shapes(shape),
             PredefinedType=CLASSES[label][1],
             **attributes,
         )
@@ -272,31 +272,3 @@ class _Model:
         if inferred:
             material = self._file.make("IfcMaterial", Name=INFERRED, Description=NOT_SEEN)
             self._file.root("IfcRelAssociatesMaterial", INFERRED, RelatedObjects=inferred, RelatingMaterial=material)
-
-
-def _typed(values: Mapping[str, Fact]) -> dict[str, Typed]:
-    return {key: (_TYPES[type(value)], value) for key, value in values.items()}
-
-
-def _verdicts(scene: Scene, layout: Layout) -> list[str]:
-    """Of each instance, with the default settings; none where nothing is drawn to judge it by."""
-    if not any(key_frame.elements for key_frame in scene.key_frames):
-        return []
-    quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())
-    return [one.verdict for one in quality.instances]
-
-
-def _overall(frame: PlaneFrame, region: MultiPolygon) -> tuple[float, float]:
-    """Height, as far upwards as the plane goes, and width of the rectangle about an outline."""
-    points = frame.to_world(shapely.get_coordinates(region))
-    normal = np.cross(*frame.axes)
-    along = np.cross([0.0, 0.0, 1.0], normal)
-    along = frame.axes[0] if np.linalg.norm(along) < _LEVEL else along / np.linalg.norm(along)
-    return float(np.ptp(points @ np.cross(normal, along))), float(np.ptp(points @ along))
-
-
-def _size(extents: Sequence[Extent]) -> float:
-    """Length of the box's diagonal about everything; 1 for nothing."""
-    points = [extent.frame.to_world(shapely.get_coordinates(extent.region)) for extent in extents]
-    everything = np.concatenate(points) if points else np.empty((0, 3))
-    return float(np.linalg.norm(np.ptp(everything, axis=0))) if len(everything) else 1.0

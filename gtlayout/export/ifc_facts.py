@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import shapely
 
@@ -11,6 +13,9 @@ from gtlayout.export.facts import Fact
 from gtlayout.export.ifc_file import Typed
 from gtlayout.io.files import printable
 from gtlayout.layout import Layout
+from gtlayout.quality.assess import assess
+from gtlayout.quality.config import QualityConfig
+from gtlayout.scene import Scene
 
 ACCURACY = "GTLayout_Accuracy"
 """Name of the property set."""
@@ -20,6 +25,7 @@ ACCURACY_IS = (
 )
 NOT_SEEN = "Not seen: it closes the room where nobody looked."
 _INFERRED: Status = "inferred"
+_TYPES = {bool: "IfcBoolean", float: "IfcReal", str: "IfcText"}
 
 
 def accuracy_values(layout: Layout, i: int, verdict: str | None) -> dict[str, Typed]:
@@ -68,3 +74,16 @@ def room_facts(layout: Layout, room: Room) -> dict[str, Fact]:
     if room.left_out:
         known["not_bounding_the_body"] = printable(", ".join(names[i] for i in room.left_out))
     return known
+
+
+def typed(values: Mapping[str, Fact]) -> dict[str, Typed]:
+    """Facts with their IFC types."""
+    return {key: (_TYPES[type(value)], value) for key, value in values.items()}
+
+
+def verdicts(scene: Scene, layout: Layout) -> list[str]:
+    """Of each instance, with the default settings; none where nothing is drawn to judge it by."""
+    if not any(key_frame.elements for key_frame in scene.key_frames):
+        return []
+    quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())
+    return [one.verdict for one in quality.instances]

@@ -68,7 +68,7 @@ def _add(points: list[FloatArray], point: FloatArray) -> int:
 
 def _once(points: list[FloatArray], own: int, point: FloatArray) -> int:
     """The index of a foot. Two corners that follow each other may have one: the edge between them has no length."""
-    for i in {own, len(points) - 1}:
+    for i in (own, len(points) - 1):
         if own <= i < len(points) and np.abs(points[i] - point).max() <= _SAME:
             return i
     return _add(points, point)
