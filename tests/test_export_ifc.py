@@ -39,6 +39,7 @@ from gtlayout.accuracy import accuracy_of
 from gtlayout.export import export_layout
 from gtlayout.export.ifc import INFERRED, MEASURED, NO_FLOOR, PROPERTIES, SHELL_THICKNESS_M
 from gtlayout.export.ifc_facts import ACCURACY
+from gtlayout.export.shell import Surface, bodies
 from gtlayout.extent.dimensions import room_dimensions
 from gtlayout.instances import Extent, Plane, PlaneFrame
 from gtlayout.layout import Layout
@@ -138,6 +139,8 @@ def test_bodies_close_the_corners_and_do_not_overlap(tmp_path: Path, outline: li
     outside = Polygon(outline).buffer(T, join_style="mitre", mitre_limit=10)
     shell = outside.area * (HEIGHT + 2 * T) - Polygon(outline).area * HEIGHT
     assert np.isclose(sum(body.volume for body in bodies), shell, atol=1e-6)
+    # Four sides of a wall, its front and its back: a side in one plane is one face.
+    assert len(model.by_type("IfcWall")[0].Representation.Representations[0].Items[0].Faces) == 6
     everything = np.concatenate([body.vertices for body in bodies])
     assert np.allclose(np.ptp(everything, axis=0)[2], HEIGHT + 2 * T, atol=1e-6)
     hull = trimesh.convex.convex_hull(everything).volume
@@ -183,6 +186,66 @@ def test_a_wall_that_stands_on_another_ends_at_its_face(tmp_path: Path) -> None:
     heights = (closed(product_of(model, "wall_6")).vertices - frame.origin) @ np.cross(*frame.axes)
     assert np.isclose(heights.min(), 0, atol=1e-6)
     assert np.isclose(closed(product_of(model, "wall_6")).volume, 2 * HEIGHT * T, rtol=0.05)
+
+
+@pytest.mark.parametrize(("gap", "is_closed"), [(0.03, True), (0.07, False)])
+def test_a_corner_with_a_gap_of_some_centimetres_is_closed_outside(tmp_path: Path, gap: float, is_closed: bool) -> None:
+    """The left wall ends short of the far one; its face does not move."""
+    short = rooms.Surface("wall", rooms.rectangle([0, 0, 0], [0, 5 - gap, 0], [0, 0, HEIGHT]))
+    scene, layout = layout_of((*rooms.BOX[:2], short, *rooms.BOX[3:]))
+    model = written_ifc(tmp_path, scene, layout)
+    assert np.isclose(front(product_of(model, "wall_2"))[1].area, (5 - gap) * HEIGHT)
+    frame, _ = front(product_of(model, "wall_4"))
+    heights = (closed(product_of(model, "wall_2")).vertices - frame.origin) @ np.cross(*frame.axes)
+    assert np.isclose(heights.min(), -T if is_closed else gap, atol=1e-6)
+
+
+def test_the_far_edge_of_a_strip_beside_a_corner_is_no_corner(tmp_path: Path) -> None:
+    """It is as near to the other wall as edges that touch are, but the strip ends there."""
+    strip = rooms.Surface("wall", rooms.rectangle([0, 0, 0], [0, 0, HEIGHT], [0.04, 0, 0]))
+    scene, layout = layout_of((*rooms.BOX[:5], strip))
+    model = written_ifc(tmp_path, scene, layout)
+    frame, _ = front(product_of(model, "wall_2"))
+    heights = (closed(product_of(model, "wall_5")).vertices - frame.origin) @ np.cross(*frame.axes)
+    assert np.allclose([heights.min(), heights.max()], [-T, 0.04], atol=1e-6)
+
+
+def test_a_chamfer_that_the_mitre_uses_up_does_not_prevent_it() -> None:
+    """An outline cut by a few millimetres at the inner corner of an L."""
+    along = rooms.Surface("wall", rooms.rectangle([0, 0, 0], [2, 0, 0], [0, 0, HEIGHT]))
+    away = rooms.Surface("wall", rooms.rectangle([0, 0, 0], [0, 0, HEIGHT], [0, 2, 0]))
+    assert np.allclose([along.plane.normal, away.plane.normal], [[0, -1, 0], [-1, 0, 0]])
+    extents = [along.extent, away.extent]
+    whole = extents[0].region
+    (u0, v0) = extents[0].frame.to_plane(np.zeros((1, 3)))[0]
+    cut = Polygon([(u0, v0), (u0 + 0.02, v0), (u0 + 0.015, v0 + 0.01), (u0, v0 + 0.01)])
+    chamfered = MultiPolygon([whole.difference(cut)])
+    surfaces = [
+        Surface(extents[0].frame, chamfered, chamfered, T),
+        Surface(extents[1].frame, extents[1].region, extents[1].region, T),
+    ]
+    (solid,), _ = bodies(surfaces)
+    back = solid.points[solid.points[:, 2] < -T / 2]
+    assert np.isclose(back[:, 0].min() - u0, T, atol=1e-6)
+
+
+def test_jagged_outlines_get_bodies_that_do_not_cross_themselves() -> None:
+    """Of what people draw edges jump to and fro by centimetres beside every corner."""
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        surfaces = []
+        for surface in rooms.BOX:
+            extent = surface.extent
+            ring = shapely.get_coordinates(shapely.segmentize(extent.region.geoms[0].exterior, 0.4))[:-1]
+            jagged = Polygon(ring + rng.uniform(-0.08, 0.08, ring.shape))
+            assert jagged.is_valid
+            region = MultiPolygon([jagged])
+            surfaces.append(Surface(extent.frame, region, region, T))
+        for surface, (solid,) in zip(surfaces, bodies(surfaces), strict=True):
+            assert np.isclose(Polygon(solid.points[list(solid.faces[0][0]), :2]).area, surface.region.area)
+            back = Polygon(solid.points[list(solid.faces[1][0][::-1]), :2])
+            assert back.is_valid
+            assert back.exterior.is_ccw
 
 
 def test_a_pillar_thinner_than_two_walls_is_still_closed(tmp_path: Path) -> None:
@@ -244,13 +307,33 @@ def test_slanted_surfaces_bound_the_space(tmp_path: Path) -> None:
     assert np.isclose(bodies, outer - inner, atol=1e-6)
 
 
+def volume_of_room(folder: Path, surfaces: Sequence[rooms.Surface]) -> float | None:
+    """None for a room without a body."""
+    model = written_ifc(folder, *layout_of(surfaces))
+    (space,) = model.by_type("IfcSpace")
+    bodies = [one for one in space.Representation.Representations if one.RepresentationIdentifier == "Body"]
+    return float(shape(space).volume) if bodies else None
+
+
+def test_what_bounds_a_room_upwards(tmp_path: Path) -> None:
+    """One ceiling in two pieces, a ramp below it; slanted surfaces alone: over all of the floor, and over little."""
+    halves = [rooms.Surface("ceiling", rooms.rectangle([x, 0, HEIGHT], [0, 5, 0], [2, 0, 0])) for x in (0, 2)]
+    ramp = rooms.Surface("slanted", rooms.rectangle([0, 0, 0.2], [2, 0, 1], [0, 2, 0]))
+    assert volume_of_room(tmp_path, (rooms.FLOOR, *halves, ramp, *rooms.BOX[2:])) == pytest.approx(50)
+    # From 1.5 m below the floor's edge at x = 0, over the floor from x = 2 on, to 1.5 m.
+    roof = rooms.Surface("slanted", rooms.rectangle([1, 0, -0.75], [0, 5, 0], [3, 0, 2.25]))
+    assert volume_of_room(tmp_path, (rooms.FLOOR, roof)) == pytest.approx(5 * 2 * 1.5 / 2, abs=1e-3)
+    small = rooms.Surface("slanted", rooms.rectangle([3, 0, 0.75], [0, 5, 0], [1, 0, 0.75]))
+    assert volume_of_room(tmp_path, (rooms.FLOOR, small)) is None
+
+
 def test_a_lower_ceiling_over_a_part_does_not_bound_the_space_and_says_so(tmp_path: Path) -> None:
     lower = rooms.Surface("ceiling", rooms.rectangle([0, 0, 2.2], [0, 1, 0], [4, 0, 0]))
-    scene, layout = layout_of((*rooms.BOX, lower))
+    scene, layout = layout_of((lower, *rooms.BOX))
     model = written_ifc(tmp_path, scene, layout)
     (space,) = model.by_type("IfcSpace")
     assert np.isclose(closed(space).volume, 50)
-    assert quantities(space, PROPERTIES)["not_bounding_the_body"] == "ceiling_6"
+    assert quantities(space, PROPERTIES)["not_bounding_the_body"] == "ceiling_0"
     assert np.isclose(quantities(space, "Qto_SpaceBaseQuantities")["Height"], 2.5)
 
 
@@ -340,7 +423,7 @@ def with_inferred() -> tuple[Scene, Layout]:
     rest = []
     for surface, extent in zip(rooms.BOX, layout.extents, strict=True):
         whole = extent.frame.region([[surface.corners @ UP.T]])
-        region = MultiPolygon([whole.difference(extent.region)]) if whole.area > extent.region.area else MultiPolygon()
+        region = whole if whole.area > extent.region.area else MultiPolygon()
         rest.append(Extent(extent.frame, region, region))
     return scene, replace(layout, inferred=tuple(rest))
 

@@ -32,9 +32,6 @@ _SAME_LINE_SINE = 0.35
 _MIN_SHARE = 0.02
 """Contacts shorter than this share of the thickness are none."""
 _BUFFER_SEGMENTS = 4
-_SIMPLER = (0.0, 0.1, 0.2, 0.5, 1.0)
-"""Sides shorter than such a share of the thickness are left out of a back that would cross itself, one after the
-other."""
 _STRAIGHT = 1e-9
 """World unit; sides that are shifted by less go straight back."""
 _LEAST_SIDES = 3
@@ -102,14 +99,13 @@ def bodies(surfaces: Sequence[Surface]) -> list[tuple[Solid, ...]]:
 def _solid(rings: list[list[_Side]], thickness: float) -> Solid:
     """The solid of one polygon.
 
-    Where its back would cross itself, short sides have no length in it. Where that does not help, edges go straight
-    back: the shortest one that helps, else the shortest and then others.
+    Where its back would cross itself, edges go straight back: the shortest one that helps, else the shortest and then
+    others.
     """
     front, back = np.zeros(3), np.array([0.0, 0.0, -thickness])
-    for share in _SIMPLER:
-        simpler = [_corners(ring, share * thickness) for ring in rings]
-        if not crosses_itself(simpler):
-            return between(simpler, front, back)
+    corners = [_corners(ring) for ring in rings]
+    if not crosses_itself(corners):
+        return between(corners, front, back)
     while mitred := sorted((s for ring in rings for s in ring if s.shift > _STRAIGHT), key=lambda s: s.length):
         without = [
             [[_Side.straight(s.start, s.end) if s is side else s for s in ring] for ring in rings] for side in mitred
@@ -229,14 +225,12 @@ def _ahead(surface: Surface, other: Surface, place: Polygon) -> bool:
     return bool(len(middle) and (middle[0] - surface.frame.origin) @ _normal(surface.frame) > 0)
 
 
-def _corners(sides: Sequence[_Side], shortest: float = 0.0) -> list[Corner]:
+def _corners(sides: Sequence[_Side]) -> list[Corner]:
     """Per corner of a ring its point of the front and its one or two points of the back.
 
-    A side that is shorter than ``shortest``, or that the shifts of its neighbours use up, has no length in the back:
-    both its corners have the same points.
+    A side that the shifts of its neighbours use up has no length in the back: both its corners have the same points.
     """
-    longest = sorted(range(len(sides)), key=lambda k: -sides[k].length)[:_LEAST_SIDES]
-    kept = [k for k in range(len(sides)) if sides[k].length >= shortest or k in longest]
+    kept = list(range(len(sides)))
     while True:
         feet = [_feet(sides[kept[m - 1]], sides[kept[m]]) for m in range(len(kept))]
         used_up = [
