@@ -32,6 +32,7 @@ _SAME_LINE_SINE = 0.35
 _MIN_SHARE = 0.02
 """Contacts shorter than this share of the thickness are none."""
 _BUFFER_SEGMENTS = 4
+_TRIALS = 16
 _STRAIGHT = 1e-9
 """World unit; sides that are shifted by less go straight back."""
 _LEAST_SIDES = 3
@@ -107,15 +108,21 @@ def _solid(rings: list[list[_Side]], thickness: float) -> Solid:
     if not crosses_itself(corners):
         return between(corners, front, back)
     while mitred := sorted((s for ring in rings for s in ring if s.shift > _STRAIGHT), key=lambda s: s.length):
-        without = [
-            [[_Side.straight(s.start, s.end) if s is side else s for s in ring] for ring in rings] for side in mitred
-        ]
-        for changed in without:
-            corners = [_corners(ring) for ring in changed]
+        # Many at once where there are many, so that the time does not grow with their square.
+        many = max(1, len(mitred) // _TRIALS)
+        trials = [mitred[k : k + many] for k in range(0, len(mitred), many)]
+        for straightened in trials:
+            corners = [_corners(_straight(ring, straightened)) for ring in rings]
             if not crosses_itself(corners):
                 return between(corners, front, back)
-        rings = without[0]
+        rings = [_straight(ring, trials[0]) for ring in rings]
     return between([[(side.start, [side.start]) for side in ring] for ring in rings], front, back)
+
+
+def _straight(ring: Sequence[_Side], some: Sequence[_Side]) -> list[_Side]:
+    """The ring with some of its sides straight back."""
+    these = {id(side) for side in some}
+    return [_Side.straight(side.start, side.end) if id(side) in these else side for side in ring]
 
 
 @dataclass(frozen=True)
@@ -233,14 +240,20 @@ def _corners(sides: Sequence[_Side]) -> list[Corner]:
     kept = list(range(len(sides)))
     while True:
         feet = [_feet(sides[kept[m - 1]], sides[kept[m]]) for m in range(len(kept))]
-        used_up = [
-            k
+        used_up = {
+            k: (sides[k].length, k)
             for m, k in enumerate(kept)
             if (sides[k].end - sides[k].start) @ (feet[(m + 1) % len(kept)][0] - feet[m][-1]) < 0
-        ]
-        if not used_up or len(kept) <= _LEAST_SIDES:
+        }
+        # The shortest of those side by side: without it the others may be as they should.
+        gone = {
+            k
+            for m, k in enumerate(kept)
+            if k in used_up and all(used_up[k] <= used_up.get(kept[n % len(kept)], used_up[k]) for n in (m - 1, m + 1))
+        }
+        if not gone or len(kept) - len(gone) < _LEAST_SIDES:
             break
-        kept.remove(min(used_up, key=lambda k: sides[k].length))
+        kept = [k for k in kept if k not in gone]
     corners: list[Corner] = []
     for m, k in enumerate(kept):
         first = kept[m - 1] + 1 if m else kept[-1] + 1 - len(sides)
