@@ -236,8 +236,8 @@ def test_jagged_outlines_get_bodies_that_do_not_cross_themselves() -> None:
         surfaces = []
         for side in rooms.BOX:
             extent = side.extent
-            ring = shapely.get_coordinates(shapely.segmentize(extent.region.geoms[0].exterior, 0.4))[:-1]
-            jagged = Polygon(ring + rng.uniform(-0.08, 0.08, ring.shape))
+            ring = shapely.get_coordinates(shapely.segmentize(extent.region.geoms[0].exterior, 0.3))[:-1]
+            jagged = Polygon(ring + rng.uniform(-0.15, 0.15, ring.shape))
             assert jagged.is_valid
             region = MultiPolygon([jagged])
             surfaces.append(Surface(extent.frame, region, region, T))
