@@ -1,31 +1,34 @@
-"""IFC4: walls, slabs, coverings, doors and windows in their hosts, each with its σ (ISO 16739-1:2018).
+"""IFC4: bodies behind walls, floors and ceilings, doors and windows in their openings, rooms, each with its accuracy.
 
-A layout consists of surfaces, a building model of bodies. So each instance is its outline, extruded by a nominal
-thickness *away* from the room. The face towards the room is measured; nothing behind it was seen. Walls therefore do
-not close at the outer corners.
+A layout consists of surfaces, a building model of bodies (ISO 16739-1:2018). The face towards the room is measured;
+nothing behind it was seen, so a body has a nominal thickness *away* from the room (``shell``). As in buildingSMART's
+Reference View, shapes are swept solids and polyhedra, and openings are cut from them already.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import ifcopenshell
-import ifcopenshell.guid
-import numpy as np
-import shapely
-from shapely import MultiPolygon
-
 from gtlayout.colors import LABEL_COLORS
+from gtlayout.export.building import Opening, Part, Room, openings, overall, parts, rooms, size_of
 from gtlayout.export.facts import NOT_METRIC, Fact, facts, scene_facts
-from gtlayout.export.upright import outline_in, turned, z_up_from_world
-from gtlayout.instances import Extent, PlaneFrame
-from gtlayout.io.files import printable, write_atomic
+from gtlayout.export.ifc_facts import (
+    ACCURACY,
+    ACCURACY_IS,
+    NOT_SEEN,
+    accuracy_values,
+    inferred_accuracy,
+    room_facts,
+    typed,
+    verdicts,
+)
+from gtlayout.export.ifc_file import IfcFile
+from gtlayout.export.upright import turned, z_up_from_world
+from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
-from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
-from gtlayout.version import __version__
+from gtlayout.scene import OPENINGS, Label, Scene
 
 THICKNESS_M: dict[Label, float] = {"door": 0.04, "window": 0.04}
 """Nominal thickness of doors and windows."""
@@ -33,28 +36,31 @@ SHELL_THICKNESS_M = 0.1
 """Nominal thickness of all other instances."""
 ROOM_M = 6.0
 """Assumed size of a scene that is not metric, by which its thicknesses are chosen."""
-CLASSES: dict[Label, tuple[str, str]] = {
-    "wall": ("IfcWall", "NOTDEFINED"),
-    "floor": ("IfcSlab", "FLOOR"),
-    "ceiling": ("IfcCovering", "CEILING"),
-    "slanted": ("IfcSlab", "ROOF"),
-    "door": ("IfcDoor", "DOOR"),
-    "window": ("IfcWindow", "WINDOW"),
+CLASSES: dict[Label, tuple[str, str, str]] = {
+    "wall": ("IfcWall", "NOTDEFINED", "Qto_WallBaseQuantities"),
+    "floor": ("IfcSlab", "FLOOR", "Qto_SlabBaseQuantities"),
+    "ceiling": ("IfcCovering", "CEILING", "Qto_CoveringBaseQuantities"),
+    "slanted": ("IfcSlab", "ROOF", "Qto_SlabBaseQuantities"),
+    "door": ("IfcDoor", "DOOR", "Qto_DoorBaseQuantities"),
+    "window": ("IfcWindow", "WINDOW", "Qto_WindowBaseQuantities"),
 }
-"""Class and PredefinedType of each label. What a wall is made of was not seen: NOTDEFINED."""
+"""Class, PredefinedType and quantity set of each label. What a wall is made of was not seen: NOTDEFINED."""
 PROPERTIES = "gtlayout"
 """Name of the property sets; names that begin with Pset_ are reserved for buildingSMART's own."""
-_LABEL_CHARACTERS = 255
-"""The longest IfcLabel."""
-_WORLD = PlaneFrame(np.zeros(3), np.eye(3)[:2])
-_GAP = 1e-6
-"""Points of an outline closer than this share of a metre are one."""
+INFERRED, MEASURED = "inferred", "measured"
+"""Names of the presentation layers; the first is a material's, too."""
+INFERRED_TRANSPARENCY = 0.6
+NO_NORTH = (
+    "Position on earth, height above sea level and true north are unknown: neither the origin nor the direction of any "
+    "axis but z means anything."
+)
+NO_FLOOR = "none: no floor is placed, so outline, area and height of the room are unknown"
 
 
 def write(path: Path, scene: Scene, layout: Layout) -> None:
     """Write an IFC4 file: z up, the floor's normal turned to +z, nothing shifted. The same layout gives the same bytes.
 
-    Unobservable instances have no place and are only named, in the properties of the space. For a scene that is not
+    Unobservable instances have no place and are only named, in the properties of the storey. For a scene that is not
     metric the project's description and each property set state so. GUIDs come from the names of scene folder and
     instance, so that they stay when a scene is solved again.
 
@@ -68,242 +74,201 @@ class _Model:
     """One file in the making."""
 
     def __init__(self, scene: Scene, layout: Layout) -> None:
-        self._file: Any = ifcopenshell.file(schema="IFC4")
+        name = scene.root.resolve().name
+        self._file = IfcFile(name)
         self._scene, self._layout = scene, layout
-        self._scene_name = scene.root.resolve().name
         rotation = z_up_from_world(scene, layout)
         self._extents = [turned(extent, rotation) for extent in layout.extents]
-        self._scale = 1.0 if layout.metric else _size(self._extents) / ROOM_M
-        self._header()
-        self._project, self._context = self._units_and_context()
-        self._storey = self._spaces()
-        self._styles = {label: self._style(label) for label in dict.fromkeys(i.label for i in layout.instances)}
-        self._products: dict[int, Any] = {}
-        # Hosts first: what lies in them refers to their placement.
-        openings = [i for i, instance in enumerate(layout.instances) if instance.label in OPENINGS]
-        for i in [*(i for i in range(len(layout.instances)) if i not in openings), *openings]:
-            if not self._extents[i].region.is_empty:
-                self._products[i] = self._element(i)
-        if self._products:
-            self._relate(
-                "IfcRelContainedInSpatialStructure",
-                "contained",
-                RelatedElements=list(self._products.values()),
-                RelatingStructure=self._storey,
-            )
+        inferred = [turned(extent, rotation) for extent in layout.inferred]
+        self._scale = 1.0 if layout.metric else size_of(self._extents) / ROOM_M
+        self._thickness = SHELL_THICKNESS_M * self._scale
+        self._verdicts = verdicts(scene, layout)
+        self._layers: dict[str, list[Any]] = {}
+        self._styles: dict[tuple[Label, bool], Any] = {}
+        above_floors = rooms(layout, self._extents, inferred, self._thickness)
+        self._storey = self._spatial_structure(name, bool(above_floors))
+        spaces = [self._space(*one) for one in enumerate(above_floors)]
+        if spaces:
+            self._aggregate(self._storey, "spaces", spaces)
+        holes = openings(layout, self._extents)
+        made = parts(layout, self._extents, inferred, list(holes.values()), self._thickness)
+        products = [self._part(part) for part in made]
+        hosts = {part.instance: product for part, product in zip(made, products, strict=True) if not part.inferred}
+        fillings = [
+            self._filling(i, holes.get(i), hosts[holes[i].host] if i in holes else None)
+            for i, instance in enumerate(layout.instances)
+            if instance.label in OPENINGS and not self._extents[i].region.is_empty
+        ]
+        self._gather(products + fillings, [one for part, one in zip(made, products, strict=True) if part.inferred])
 
     def text(self) -> str:
         """The file."""
-        return str(self._file.to_string())
+        return self._file.text()
 
-    def _header(self) -> None:
-        header = self._file.header
-        header.file_description.description = ("ViewDefinition [DesignTransferView_V1.0]",)
-        header.file_name.name = "layout.ifc"
-        # A time stamp would make the bytes differ.
-        header.file_name.time_stamp = "1970-01-01T00:00:00"
-        header.file_name.author = header.file_name.organization = ("",)
-        header.file_name.originating_system = f"gtlayout {__version__}"
-        header.file_name.authorization = ""
-
-    def _units_and_context(self) -> tuple[Any, Any]:
-        make = self._file.create_entity
-        units = [
-            make("IfcSIUnit", UnitType=kind, Name=name)
-            for kind, name in (
-                ("LENGTHUNIT", "METRE"),
-                ("AREAUNIT", "SQUARE_METRE"),
-                ("VOLUMEUNIT", "CUBIC_METRE"),
-                ("PLANEANGLEUNIT", "RADIAN"),
-            )
-        ]
-        context = make(
-            "IfcGeometricRepresentationContext",
-            ContextType="Model",
-            CoordinateSpaceDimension=3,
-            Precision=1e-5,
-            WorldCoordinateSystem=self._axes(np.eye(4)),
-        )
-        body = make(
-            "IfcGeometricRepresentationSubContext",
-            ContextIdentifier="Body",
-            ContextType="Model",
-            ParentContext=context,
-            TargetView="MODEL_VIEW",
-        )
-        project = self._root(
+    def _spatial_structure(self, name: str, has_rooms: bool) -> Any:
+        """Project, site, building and storey, one in the other; the storey lies at the world's origin."""
+        parent = self._file.root(
             "IfcProject",
             "project",
-            Name=self._name(self._scene_name),
+            Name=self._file.label(name),
             Description=None if self._layout.metric else NOT_METRIC,
-            RepresentationContexts=[context],
-            UnitsInContext=make("IfcUnitAssignment", Units=units),
+            RepresentationContexts=[self._file.context],
+            UnitsInContext=self._file.units(),
         )
-        return project, body
-
-    def _spaces(self) -> Any:
-        """Project, site, building, storey and space, one in the other; the storey lies at the world's origin."""
-        parent, placement = self._project, None
-        for name in ("Site", "Building", "BuildingStorey", "Space"):
-            placement = self._file.create_entity("IfcLocalPlacement", placement, self._axes(np.eye(4)))
-            child = self._root(
-                f"Ifc{name}", name, Name=name.lower(), ObjectPlacement=placement, CompositionType="ELEMENT"
+        above = None
+        for kind in ("Site", "Building", "BuildingStorey"):
+            child = self._file.root(
+                f"Ifc{kind}",
+                kind,
+                Name=kind.lower(),
+                Description=NO_NORTH if kind == "Site" else None,
+                ObjectPlacement=self._file.placement(None, above, None),
+                CompositionType="ELEMENT",
             )
-            self._relate("IfcRelAggregates", f"parts {name}", RelatingObject=parent, RelatedObjects=[child])
-            storey, parent = parent, child
-        self._properties(parent, "room", scene_facts(self._scene, self._layout))
-        return storey
+            self._aggregate(parent, kind, [child])
+            parent = above = child
+        known = {**scene_facts(self._scene, self._layout), "nominal_thickness": self._thickness}
+        if not has_rooms:
+            known["rooms"] = NO_FLOOR
+        self._file.properties(parent, "storey", PROPERTIES, typed(known))
+        return parent
 
-    def _element(self, i: int) -> Any:
-        instance, plane, extent = self._layout.instances[i], self._layout.planes[i], self._extents[i]
-        opening = None if instance.host not in self._products else self._opening(i, instance.host)
-        if opening is None or instance.host is None:
-            placement = self._placement(extent.frame, self._storey, _WORLD)
-        else:
-            placement = self._placement(extent.frame, opening, self._extents[instance.host].frame)
-        thickness = THICKNESS_M.get(instance.label, SHELL_THICKNESS_M) * self._scale
-        body = self._body(extent.region, 0.0, thickness)
-        for solid in body.Representations[0].Items:
-            self._file.create_entity("IfcStyledItem", Item=solid, Styles=[self._styles[instance.label]])
-        kind, predefined = CLASSES[instance.label]
-        product = self._root(
-            kind,
-            f"element {instance.name}",
-            Name=self._name(instance.name),
-            Description=self._name(plane.note) or None,
-            ObjectPlacement=placement,
-            Representation=body,
-            PredefinedType=predefined,
-            **(_overall(extent) if instance.label in OPENINGS else {}),
+    def _aggregate(self, parent: Any, key: str, children: Sequence[Any]) -> None:
+        self._file.root("IfcRelAggregates", f"parts {key}", RelatingObject=parent, RelatedObjects=children)
+
+    def _space(self, number: int, room: Room) -> Any:
+        name = self._layout.instances[room.floor].name
+        curves = [self._file.outline(ring) for one in room.outline.geoms for ring in (one.exterior, *one.interiors)]
+        outline = self._file.make("IfcGeometricCurveSet", curves)
+        shapes = [self._file.shape("FootPrint", "GeometricCurveSet", [outline], "PLAN_VIEW")]
+        if room.solids:
+            shapes.append(self._file.shape("Body", "Tessellation", [self._file.faceted(one) for one in room.solids]))
+        space = self._file.root(
+            "IfcSpace",
+            f"space {name}",
+            Name=f"room_{number}",
+            LongName=self._file.label(f"above {name}"),
+            ObjectPlacement=self._file.placement(self._extents[room.floor].frame, self._storey, None),
+            Representation=self._file.shapes(*shapes),
+            CompositionType="ELEMENT",
+            PredefinedType="INTERNAL",
         )
+        height = dict.fromkeys(("Height", "FinishCeilingHeight"), room.height.length) if room.height else {}
+        area = {"NetFloorArea": room.outline.area}
+        self._file.quantities(space, f"space {name}", "Qto_SpaceBaseQuantities", height, area)
+        known = room_facts(self._layout, room)
+        self._file.properties(space, f"space {name}", PROPERTIES, typed(known))
+        return space
+
+    def _part(self, part: Part) -> Any:
+        """A wall, floor, ceiling or slanted surface; what was inferred of it is a product of its own."""
+        instance = self._layout.instances[part.instance]
+        name = f"{instance.name} {INFERRED}" if part.inferred else instance.name
+        solids = [self._file.faceted(solid) for solid in part.solids]
+        # A window may leave nothing of its wall.
+        shape = self._shape("Tessellation", solids, instance.label, part.inferred) if solids else None
+        product = self._product(part.instance, name, shape, self._file.placement(part.extent.frame, self._storey, None))
+        area = part.extent.region.area
+        of = "SideArea" if instance.label == "wall" else "Area"
+        areas = {f"Gross{of}": area, f"Net{of}": part.net_area} if instance.label not in OPENINGS else {of: area}
+        self._file.quantities(product, name, CLASSES[instance.label][2], {}, areas)
+        known: dict[str, Fact] = {"inferred": part.inferred, "nominal_thickness": self._thickness}
+        if part.inferred:
+            known |= {"area": area, "continues": instance.name, "metric": self._layout.metric}
+        else:
+            known |= facts(self._scene, self._layout, part.instance)
+        self._file.properties(product, name, PROPERTIES, typed(known))
+        self._accuracy(product, name, part.instance, inferred=part.inferred)
+        return product
+
+    def _filling(self, i: int, hole: Opening | None, host: Any) -> Any:
+        """A door or window, in the opening of its host where it has one."""
+        instance, extent = self._layout.instances[i], self._extents[i]
+        opening = None if hole is None else self._opening(hole, host)
+        within = None if hole is None else self._extents[hole.host].frame
+        thickness = THICKNESS_M[instance.label] * self._scale
+        shape = self._shape("SweptSolid", self._file.extruded(extent.region, thickness), instance.label, False)
+        placement = self._file.placement(extent.frame, self._storey if opening is None else opening, within)
+        height, width = overall(extent.frame, extent.region)
+        product = self._product(i, instance.name, shape, placement, OverallHeight=height, OverallWidth=width)
         if opening is not None:
-            self._relate(
+            self._file.root(
                 "IfcRelFillsElement",
                 f"fills {instance.name}",
                 RelatingOpeningElement=opening,
                 RelatedBuildingElement=product,
             )
-        known = facts(self._scene, self._layout, i)
-        self._properties(product, instance.name, {**known, "nominal_thickness": thickness})
+        lengths, area = {"Width": width, "Height": height}, {"Area": extent.region.area}
+        self._file.quantities(product, instance.name, CLASSES[instance.label][2], lengths, area)
+        known = {**facts(self._scene, self._layout, i), "inferred": False, "nominal_thickness": thickness}
+        self._file.properties(product, instance.name, PROPERTIES, typed(known))
+        self._accuracy(product, instance.name, i, inferred=False)
         return product
 
-    def _opening(self, i: int, host_index: int) -> Any | None:
-        """The hole in the host that a door or window fills, right through; None when its outline is a line there."""
-        name, host = self._layout.instances[i].name, self._extents[host_index]
-        outline = outline_in(host, self._extents[i])
-        if outline.is_empty:
-            return None
-        through = SHELL_THICKNESS_M * self._scale
-        opening = self._root(
+    def _opening(self, hole: Opening, host: Any) -> Any:
+        """The hole that a door or window fills. Its host has it already, so its shape is a reference, not to be cut."""
+        name, frame = self._layout.instances[hole.instance].name, self._extents[hole.host].frame
+        solids = self._file.extruded(hole.outline, self._thickness)
+        opening = self._file.root(
             "IfcOpeningElement",
             f"opening {name}",
-            Name=self._name(name),
-            ObjectPlacement=self._placement(host.frame, self._products[host_index], host.frame),
-            Representation=self._body(outline, 0.5 * through, 2 * through),
+            Name=self._file.label(name),
+            ObjectPlacement=self._file.placement(frame, host, frame),
+            Representation=self._file.shapes(self._file.shape("Reference", "SweptSolid", solids)),
             PredefinedType="OPENING",
         )
-        self._relate(
+        self._file.root(
             "IfcRelVoidsElement",
             f"voids {name}",
-            RelatingBuildingElement=self._products[host_index],
+            RelatingBuildingElement=host,
             RelatedOpeningElement=opening,
         )
+        height, width = overall(frame, hole.outline)
+        lengths = {"Width": width, "Height": height, "Depth": self._thickness}
+        area = {"Area": hole.outline.area}
+        self._file.quantities(opening, f"opening {name}", "Qto_OpeningElementBaseQuantities", lengths, area)
         return opening
 
-    def _body(self, region: MultiPolygon, front: float, depth: float) -> Any:
-        """Each polygon from ``front`` before its plane (towards the room), ``depth`` deep."""
-        make = self._file.create_entity
-        down = self._direction([0.0, 0.0, -1.0])
-        at = np.eye(4)
-        at[2, 3] = front
-        solids = []
-        for polygon in shapely.remove_repeated_points(region, _GAP * self._scale).geoms:
-            outer, *holes = (self._ring(ring) for ring in (polygon.exterior, *polygon.interiors))
-            kind = "IfcArbitraryProfileDefWithVoids" if holes else "IfcArbitraryClosedProfileDef"
-            profile = make(kind, ProfileType="AREA", OuterCurve=outer, **({"InnerCurves": holes} if holes else {}))
-            solids.append(
-                make("IfcExtrudedAreaSolid", profile, Position=self._axes(at), ExtrudedDirection=down, Depth=depth)
+    def _product(self, i: int, name: str, shape: Any, placement: Any, **attributes: Any) -> Any:
+        label = self._layout.instances[i].label
+        return self._file.root(
+            CLASSES[label][0],
+            f"element {name}",
+            Name=self._file.label(name),
+            Description=self._file.label(self._layout.planes[i].note) or None,
+            ObjectPlacement=placement,
+            Representation=shape and self._file.shapes(shape),
+            PredefinedType=CLASSES[label][1],
+            **attributes,
+        )
+
+    def _shape(self, kind: str, items: Sequence[Any], label: Label, inferred: bool) -> Any:
+        """A body in its colour, on its layer."""
+        if (label, inferred) not in self._styles:
+            name, transparency = (f"{label} {INFERRED}", INFERRED_TRANSPARENCY) if inferred else (label, 0.0)
+            self._styles[label, inferred] = self._file.style(name, LABEL_COLORS[label], transparency)
+        for item in items:
+            self._file.make("IfcStyledItem", Item=item, Styles=[self._styles[label, inferred]])
+        shape = self._file.shape("Body", kind, items)
+        self._layers.setdefault(INFERRED if inferred else MEASURED, []).append(shape)
+        return shape
+
+    def _accuracy(self, product: Any, name: str, i: int, *, inferred: bool) -> None:
+        verdict = self._verdicts[i] if self._verdicts else None
+        values = inferred_accuracy() if inferred else accuracy_values(self._layout, i, verdict)
+        self._file.properties(product, name, ACCURACY, values, ACCURACY_IS)
+
+    def _gather(self, products: Sequence[Any], inferred: Sequence[Any]) -> None:
+        """What holds for many: the storey that all are in, layers, and the material of what was inferred."""
+        if products:
+            self._file.root(
+                "IfcRelContainedInSpatialStructure",
+                "contained",
+                RelatedElements=products,
+                RelatingStructure=self._storey,
             )
-        shape = make("IfcShapeRepresentation", self._context, "Body", "SweptSolid", solids)
-        return make("IfcProductDefinitionShape", Representations=[shape])
-
-    def _ring(self, ring: shapely.LinearRing) -> Any:
-        points = [
-            self._file.create_entity("IfcCartesianPoint", [float(u), float(v)])
-            for u, v in shapely.get_coordinates(ring)[:-1]
-        ]
-        return self._file.create_entity("IfcPolyline", [*points, points[0]])
-
-    def _placement(self, frame: PlaneFrame, parent: Any, within: PlaneFrame) -> Any:
-        """A plane's frame, relative to that of another product, or of the storey, which is the world's."""
-        relative = np.eye(4) if frame is within else np.linalg.inv(_matrix(within)) @ _matrix(frame)
-        return self._file.create_entity("IfcLocalPlacement", parent.ObjectPlacement, self._axes(relative))
-
-    def _axes(self, matrix: FloatArray) -> Any:
-        return self._file.create_entity(
-            "IfcAxis2Placement3D",
-            self._file.create_entity("IfcCartesianPoint", matrix[:3, 3].tolist()),
-            self._direction(matrix[:3, 2].tolist()),
-            self._direction(matrix[:3, 0].tolist()),
-        )
-
-    def _direction(self, ratios: Sequence[float]) -> Any:
-        return self._file.create_entity("IfcDirection", list(ratios))
-
-    def _style(self, label: Label) -> Any:
-        make = self._file.create_entity
-        color = make("IfcColourRgb", None, *(channel / 255 for channel in LABEL_COLORS[label]))
-        shading = make("IfcSurfaceStyleShading", SurfaceColour=color, Transparency=0.0)
-        return make("IfcSurfaceStyle", Name=label, Side="BOTH", Styles=[shading])
-
-    def _properties(self, product: Any, name: str, values: Mapping[str, Fact]) -> None:
-        make = self._file.create_entity
-        kinds = {bool: "IfcBoolean", float: "IfcReal", str: "IfcText"}
-        properties = [
-            make("IfcPropertySingleValue", Name=self._name(key), NominalValue=make(kinds[type(value)], value))
-            for key, value in values.items()
-        ]
-        definition = self._root("IfcPropertySet", f"properties {name}", Name=PROPERTIES, HasProperties=properties)
-        self._relate(
-            "IfcRelDefinesByProperties",
-            f"defines {name}",
-            RelatedObjects=[product],
-            RelatingPropertyDefinition=definition,
-        )
-
-    def _relate(self, kind: str, key: str, **attributes: Any) -> None:
-        self._root(kind, key, **attributes)
-
-    def _root(self, kind: str, key: str, **attributes: Any) -> Any:
-        guid = hashlib.sha256(f"{self._scene_name}\n{kind}\n{key}".encode("utf-8", "replace")).hexdigest()[:32]
-        return self._file.create_entity(kind, GlobalId=ifcopenshell.guid.compress(guid), **attributes)
-
-    def _name(self, name: str) -> str:
-        return printable(name)[:_LABEL_CHARACTERS]
-
-
-def _matrix(frame: PlaneFrame) -> FloatArray:
-    """(4, 4) from the plane's coordinates (u, v, along the normal) to the model's."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.stack([*frame.axes, np.cross(*frame.axes)], axis=1)
-    matrix[:3, 3] = frame.origin
-    return matrix
-
-
-def _overall(extent: Extent) -> dict[str, float]:
-    """Height, as far upwards as the plane goes, and width of the rectangle about a door or window."""
-    points = extent.frame.to_world(shapely.get_coordinates(extent.region))
-    normal = np.cross(*extent.frame.axes)
-    along = np.cross([0.0, 0.0, 1.0], normal)
-    along = extent.frame.axes[0] if np.linalg.norm(along) < 1e-6 else along / np.linalg.norm(along)
-    return {
-        "OverallHeight": float(np.ptp(points @ np.cross(normal, along))),
-        "OverallWidth": float(np.ptp(points @ along)),
-    }
-
-
-def _size(extents: Sequence[Extent]) -> float:
-    """Length of the box's diagonal about everything; 1 for nothing."""
-    points = [extent.frame.to_world(shapely.get_coordinates(extent.region)) for extent in extents]
-    everything = np.concatenate(points) if points else np.empty((0, 3))
-    return float(np.linalg.norm(np.ptp(everything, axis=0))) if len(everything) else 1.0
+        for name, shapes in self._layers.items():
+            self._file.make("IfcPresentationLayerAssignment", Name=name, AssignedItems=shapes)
+        if inferred:
+            material = self._file.make("IfcMaterial", Name=INFERRED, Description=NOT_SEEN)
+            self._file.root("IfcRelAssociatesMaterial", INFERRED, RelatedObjects=inferred, RelatingMaterial=material)
