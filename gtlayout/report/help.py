@@ -71,26 +71,27 @@ def worst_edge(scene: Scene, seen: EvidenceSeen, i: int) -> EdgeSeen | None:
 
 
 def _redrawn(scene: Scene, layout: Layout, seen: EvidenceSeen, i: int) -> list[str]:
-    found = []
+    found, name = [], layout.instances[i].name
     if edge := worst_edge(scene, seen, i):
         other = layout.instances[edge.instances[0] if edge.instances[1] == i else edge.instances[1]].name
         found.append(
-            f"Redraw its edge with {other} in {scene.frame_of(edge.key_frame).name}, or draw an occlusion edge there: "
-            f"it lies {figure(edge.misfit_px, 0)} px from where the two planes meet."
+            f"Redraw the edge of {name} with {other} in {scene.frame_of(edge.key_frame).name}: it lies "
+            f"{figure(edge.misfit_px, 0)} px from where the two planes meet. If they do not touch there, draw an occlusion "
+            "edge."
         )
     support = layout.planes[i].support
     if support.outvoted > QualityConfig().disagreeing_share:
         found.append(
-            f"Look at its visible parts: {percent(support.outvoted)} of the tracks on them lie off the plane (red)."
+            f"Look at the visible parts of {name}: {percent(support.outvoted)} of the tracks on them lie off the plane."
         )
     return found
 
 
 def _another_frame(scene: Scene, layout: Layout, seen: EvidenceSeen, i: int, views: Viewpoints) -> str | None:
-    plane, middle = layout.planes[i], seen.trails[i].middle
+    plane, middle, name = layout.planes[i], seen.trails[i].middle, layout.instances[i].name
     drawn = [scene.key_frames[k].frame for k, _ in layout.instances[i].members]
     if not np.isfinite(middle).all():
-        return "Draw it in more frames, with the instances that it meets: nothing places it yet."
+        return f"Draw {name} in more frames, with the instances that it meets: nothing places it yet."
     ray = views.center - middle
     ray /= np.maximum(np.linalg.norm(ray, axis=1), 1e-12)[:, None]
     angle_deg = np.rad2deg(np.arccos(np.clip(ray @ ray[drawn].T, -1, 1))).min(axis=1)
@@ -103,10 +104,10 @@ def _another_frame(scene: Scene, layout: Layout, seen: EvidenceSeen, i: int, vie
     for frame in order.tolist():
         if shown[frame] and angle_deg[frame] >= _MORE_DEG and not _hidden(layout, i, views.center[frame], middle):
             return (
-                f"Draw {scene.frames[frame].name}, too: it shows {layout.instances[i].name} from "
+                f"Draw {scene.frames[frame].name}, too: it shows {name} from "
                 f"{figure(float(angle_deg[frame]), 0)}° farther aside than any drawing does."
             )
-    return "No other frame shows it from farther aside: film it again with more motion along it."
+    return f"Film {name} again with more motion along it: no other frame shows it from farther aside."
 
 
 def _hidden(layout: Layout, i: int, center: FloatArray, middle: FloatArray) -> bool:
@@ -137,6 +138,6 @@ def _by_tape(layout: Layout, seen: EvidenceSeen, i: int) -> str | None:
     if not best[0] < _TAPE_HELPS * own:
         return None
     return (
-        f"Measure its distance to {best[1]} by tape: its σ would fall from {figure(100 * own, 1)} to about "
-        f"{figure(100 * best[0], 1)} cm."
+        f"Measure from {layout.instances[i].name} to {best[1]} by tape: its σ would fall from {figure(100 * own, 1)} to "
+        f"about {figure(100 * best[0], 1)} cm."
     )

@@ -22,6 +22,10 @@ from gtlayout.review.findings import Finding, FindingKind, named
 from gtlayout.scene import Scene
 
 MOST = 3
+_DRAWINGS = 2
+"""So many wrong drawings before what else there is."""
+_SMALL_GAP = 0.01
+"""Of the image."""
 _ASKS: dict[FindingKind, str] = {
     "another place": "Redraw {element} in {frame}: drawn for another frame?",
     "label": "Look at the label of {element} in {frame}",
@@ -55,17 +59,21 @@ class Step:
 def next_steps(
     scene: Scene, layout: Layout, quality: Quality, findings: Sequence[Finding], seen: EvidenceSeen | None
 ) -> list[Step]:
-    """The most important first: what the whole scene lacks, wrong drawings, elements that do not fit, weak planes.
+    """The most important first: what the whole scene lacks, the worst drawings, elements that do not fit, weak planes,
+    further drawings, and last gaps that hardly matter.
 
     No element and no instance is named twice.
     """
     steps: list[Step] = []
     named_already: set[object] = set()
+    drawings = list(_from_findings(scene, layout, [one for one in findings if not _is_small(one)]))
     for about, step in (
         *_whole_scene(scene, layout, quality),
-        *_from_findings(scene, layout, findings),
+        *drawings[:_DRAWINGS],
         *_misfits(scene, layout, quality),
         *(_weak_planes(scene, layout, quality, seen) if seen is not None else ()),
+        *drawings[_DRAWINGS:],
+        *_from_findings(scene, layout, [one for one in findings if _is_small(one)]),
     ):
         if named_already.isdisjoint(about):
             named_already |= about
@@ -73,6 +81,10 @@ def next_steps(
         if len(steps) == MOST:
             break
     return steps
+
+
+def _is_small(finding: Finding) -> bool:
+    return finding.kind == "gap" and finding.severity < _SMALL_GAP
 
 
 def _whole_scene(scene: Scene, layout: Layout, quality: Quality) -> Iterator[tuple[set[object], Step]]:
@@ -144,6 +156,7 @@ def _weak_planes(
         advice = helps(scene, layout, quality, seen, i, views)
         if not advice:
             continue
+        title, _, rest = advice[0].partition(": ")
         judged, edge = quality.instances[i], worst_edge(scene, seen, i)
         members = layout.instances[i].members
         k, e = max(members, key=lambda member: scene.key_frames[member[0]].elements[member[1]].amodal.area)
@@ -155,8 +168,8 @@ def _weak_planes(
         yield (
             {(k, e), i},
             Step(
-                advice[0],
-                f"{layout.instances[i].name} is {judged.verdict}: {about}.",
+                title,
+                f"{rest[:1].upper()}{rest[1:]} {layout.instances[i].name} is {judged.verdict}: {about}.",
                 k,
                 window(scene.frame_of(k).camera, element.amodal),
                 path_of(element.amodal),

@@ -5,6 +5,8 @@ const middle = room.low.map((low, axis) => (low + room.high[axis]) / 2);
 const sides = room.low.map((low, axis) => Math.max(room.high[axis] - low, 1e-9));
 const longest = Math.max(...sides);
 const unit = room.metric ? "m" : "u";
+// What is not reliable is seen, but does not catch the eye.
+const PALE = 0.3;
 let mode = "instance";
 let eye = room.eye;
 
@@ -46,14 +48,17 @@ function traces() {
     // Also a plain colour is a scale: plotly keeps the scale of an instance that gets a colour instead.
     const scale = bySigma ? room.sigma_scale : [shaded(instance), shaded(instance)];
     drawn.push({
-      type: "mesh3d", name: instance.name, x, y, z, i, j, k, hoverinfo: "text",
+      type: "mesh3d", opacity: instance.reliable ? 1 : PALE, name: instance.name, x, y, z, i, j, k, hoverinfo: "text",
       intensity: instance.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
       colorscale: scale.map((color, step) => [step / (scale.length - 1), color]),
       text: instance.sigma.map((sigma) => `${plain(instance.name)}: ${sigmaAt(sigma)}`),
       lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
     });
   }
-  const outlines = [[front, "rgba(30,35,45,.9)", 3], [behind, "rgba(128,136,150,.6)", 2]];
+  const outlines = [
+    [front.filter((instance) => instance.reliable), "rgba(30,35,45,.9)", 3],
+    [[...front.filter((instance) => !instance.reliable), ...behind], "rgba(128,136,150,.6)", 2],
+  ];
   for (const [instances, color, width] of outlines.filter(([instances]) => instances.length > 0)) {
     const [x, y, z] = brokenLines(instances);
     drawn.push({ type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip", line: { color, width } });

@@ -21,7 +21,7 @@ _SCALE_STEPS = 16
 """Colours that the scale of σ is made of; the browser interpolates."""
 _MARGIN_SHARE = 0.01
 """Room round everything, as a share of the longest side."""
-_EYE_DISTANCE = 1.3
+_EYE_DISTANCE = 1.1
 """From the room's middle, in lengths of its longest side."""
 
 
