@@ -27,6 +27,9 @@ from gtlayout.results.tables import most_certain_first
 from gtlayout.review.findings import Finding
 from gtlayout.scene import ImageArray, Scene
 
+SHOWN = 3
+"""Findings of one kind that are not folded away."""
+
 
 def report_data(
     scene: Scene,
@@ -77,7 +80,7 @@ def report_data(
         "next_steps": [asdict(step) for step in next_steps(scene, layout, quality, findings or (), evidence)],
         "reasons": folded_reasons(layout, quality),
         "warnings": list(warnings),
-        "findings": None if findings is None else [_finding(finding) for finding in findings],
+        "findings": None if findings is None else _folded(findings),
         "instances": _instances(layout, quality, colors),
         "dimensions": _dimensions(layout),
         "frames": [
@@ -117,6 +120,19 @@ def _instances(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[
             "causes": list(judged.causes),
         }
         for instance, plane, extent, judged, color in parts
+    ]
+
+
+def _folded(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """By kind, in their order; of a kind with many only the first are shown at once."""
+    by_kind: dict[str, list[dict[str, Any]]] = {}
+    for finding in findings:
+        by_kind.setdefault(finding.kind, []).append(_finding(finding))
+    return [
+        {"kind": kind, "shown": of[:SHOWN], "more": of[SHOWN:]}
+        if len(of) > SHOWN + 1
+        else {"kind": kind, "shown": of, "more": []}
+        for kind, of in by_kind.items()
     ]
 
 

@@ -76,8 +76,8 @@ def _redrawn(scene: Scene, layout: Layout, seen: EvidenceSeen, i: int) -> list[s
         other = layout.instances[edge.instances[0] if edge.instances[1] == i else edge.instances[1]].name
         found.append(
             f"Redraw the edge of {name} with {other} in {scene.frame_of(edge.key_frame).name}: it lies "
-            f"{figure(edge.misfit_px, 0)} px from where the two planes meet. If they do not touch there, draw an occlusion "
-            "edge."
+            f"{figure(edge.misfit_px, 0)} px from where the two planes meet. If they do not touch there, draw an "
+            "occlusion edge."
         )
     support = layout.planes[i].support
     if support.outvoted > QualityConfig().disagreeing_share:
@@ -138,6 +138,6 @@ def _by_tape(layout: Layout, seen: EvidenceSeen, i: int) -> str | None:
     if not best[0] < _TAPE_HELPS * own:
         return None
     return (
-        f"Measure from {layout.instances[i].name} to {best[1]} by tape: its σ would fall from {figure(100 * own, 1)} to "
-        f"about {figure(100 * best[0], 1)} cm."
+        f"Measure from {layout.instances[i].name} to {best[1]} by tape: its σ would fall from "
+        f"{figure(100 * own, 1)} to about {figure(100 * best[0], 1)} cm."
     )

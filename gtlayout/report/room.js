@@ -8,7 +8,7 @@ const unit = room.metric ? "m" : "u";
 // What is not reliable is seen, but does not catch the eye.
 const PALE = 0.3;
 let mode = "instance";
-let eye = room.eye;
+let eye = fitted();
 
 const checked = (id) => document.getElementById(id).checked;
 // plotly reads some HTML in texts: names from files are none.
@@ -18,6 +18,21 @@ const isKnown = (sigma, of) => sigma !== null && sigma < of;
 const withSigma = (length, sigma) =>
   isKnown(sigma, length) ? `${length.toFixed(2)} ± ${sigma.toFixed(2)} ${unit}` : `${length.toFixed(2)} ${unit} ± unknown`;
 const sigmaAt = (sigma) => (isKnown(sigma, longest) ? `σ ${sigma.toPrecision(2)} ${unit}` : "σ unknown");
+
+// From the direction that the room is looked at from first, as near as all of its box is seen. plotly's field of view is
+// 45° of the height. The corners of the box that are nearest to the eye are seldom part of the room.
+function fitted() {
+  const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+  const dot = (one, other) => one.reduce((sum, value, axis) => sum + value * other[axis], 0);
+  const unitOf = (vector) => vector.map((value) => value / Math.max(Math.hypot(...vector), 1e-9));
+  const ahead = unitOf(room.eye), right = unitOf(cross([0, 0, 1], ahead)), up = cross(ahead, right);
+  const high = Math.tan(Math.PI / 8), wide = (high * view.clientWidth) / Math.max(view.clientHeight, 1);
+  const needed = [0, 1, 2, 3, 4, 5, 6, 7].map((corner) => {
+    const at = sides.map((side, axis) => (((corner >> axis) & 1 ? 0.5 : -0.5) * side) / longest);
+    return dot(at, ahead) + Math.max(Math.abs(dot(at, up)) / high, Math.abs(dot(at, right)) / wide);
+  });
+  return ahead.map((value) => 0.92 * Math.max(...needed) * value);
+}
 
 // Normals point at the cameras: from behind an instance one looks through it into the room.
 function seenFromInside(instance) {
@@ -86,9 +101,7 @@ function layout() {
     visible: false, range: [room.low[index], room.high[index]], autorange: false, showspikes: false,
   });
   const [x, y, z] = sides.map((side) => side / longest);
-  // plotly's field of view is that of the height: narrow views need more distance.
-  const distance = Math.max(1, (1.25 * view.clientHeight) / view.clientWidth);
-  const [ex, ey, ez] = room.eye.map((value) => value * distance);
+  const [ex, ey, ez] = eye;
   return {
     margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, uirevision: "kept",
     hoverlabel: { align: "left" },

@@ -21,8 +21,6 @@ _SCALE_STEPS = 16
 """Colours that the scale of σ is made of; the browser interpolates."""
 _MARGIN_SHARE = 0.01
 """Room round everything, as a share of the longest side."""
-_EYE_DISTANCE = 1.1
-"""From the room's middle, in lengths of its longest side."""
 
 
 def room_view(
@@ -110,10 +108,10 @@ def upright(scene: Scene, layout: Layout) -> FloatArray:
 
 
 def _eye(scene: Scene, turn: FloatArray) -> FloatArray:
-    """(3,) from where to look at the room first, from its middle: behind and above the cameras."""
+    """(3,) the direction to look at the room from first, from its middle: behind and above the cameras."""
     forward = turn @ np.mean([frame.camera.R_cam_from_world[2] for frame in scene.frames], axis=0)
     back = -forward * (1.0, 1.0, 0.0)
-    return _EYE_DISTANCE * _unit(back / max(float(np.linalg.norm(back)), 1e-9) + (0.35, 0.0, 0.9))
+    return _unit(back / max(float(np.linalg.norm(back)), 1e-9) + (0.35, 0.0, 0.9))
 
 
 def _unit(vector: FloatArray) -> FloatArray:
