@@ -100,7 +100,7 @@ def test_tracks_that_lie_nearer_are_told_with_where_they_lie(truth: Truth) -> No
     # Two kinds: either may be wrong, and both are said to differ. The other planes are not blamed.
     assert of_kind(nearer[plane], EDGES).agrees is False
     assert abs(of_kind(nearer[plane], EDGES).offset) < 0.4 * found.offset
-    others = [one.agrees for s, trail in enumerate(nearer) if s != plane for one in trail.alone]
+    others = [bool(one.agrees) for s, trail in enumerate(nearer) if s != plane for one in trail.alone]
     assert np.mean(others) > 0.8
     middle = nearer[plane].middle
     assert truth.planes[plane, :3] @ middle + truth.planes[plane, 3] == pytest.approx(0, abs=1e-9)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,22 +64,26 @@ def next_steps(
 
     No element and no instance is named twice.
     """
+    drawings = list(_from_findings(scene, layout, [one for one in findings if not _is_small(one)]))
+    sources: tuple[tuple[Iterable[tuple[set[object], Step]], int], ...] = (
+        (_whole_scene(scene, layout, quality), MOST),
+        (drawings, _DRAWINGS),
+        (_misfits(scene, layout, quality), MOST),
+        (_weak_planes(scene, layout, quality, seen) if seen is not None else (), MOST),
+        (drawings, MOST),
+        (_from_findings(scene, layout, [one for one in findings if _is_small(one)]), MOST),
+    )
     steps: list[Step] = []
     named_already: set[object] = set()
-    drawings = list(_from_findings(scene, layout, [one for one in findings if not _is_small(one)]))
-    for about, step in (
-        *_whole_scene(scene, layout, quality),
-        *drawings[:_DRAWINGS],
-        *_misfits(scene, layout, quality),
-        *(_weak_planes(scene, layout, quality, seen) if seen is not None else ()),
-        *drawings[_DRAWINGS:],
-        *_from_findings(scene, layout, [one for one in findings if _is_small(one)]),
-    ):
-        if named_already.isdisjoint(about):
-            named_already |= about
-            steps.append(step)
-        if len(steps) == MOST:
-            break
+    for source, most in sources:
+        taken = 0
+        for about, step in source:
+            if len(steps) == MOST or taken == most:
+                break
+            if named_already.isdisjoint(about):
+                named_already |= about
+                steps.append(step)
+                taken += 1
     return steps
 
 

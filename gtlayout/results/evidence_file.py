@@ -92,7 +92,8 @@ def read_evidence(folder: Path, scene: Scene, layout: Layout) -> EvidenceSeen | 
 
 
 def _alone(row: dict[str, Any]) -> EvidenceAlone:
-    kind, measurements, freedom = str(row["kind"]), int(row["measurements"]), int(row["freedom"])
+    kind, measurements = str(row["kind"]), int(_numbers(row["measurements"], ()))
+    freedom = int(_numbers(row["freedom"], ()))
     if not 0 <= freedom <= 3:
         raise ValueError(f"{freedom} degrees of freedom")
     names = ("offset", "sigma_offset", "tilt_deg", "sigma_normal_deg", "chi2")
