@@ -9,11 +9,14 @@ solution has outvoted speaks here.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
 
+from gtlayout.planes.arrow import Tree, eliminate, solve
+from gtlayout.planes.arrow_rows import Rows
 from gtlayout.planes.config import UncertaintyConfig
 from gtlayout.planes.linear_system import ANGLE, EDGE, JOINT, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.trail import EvidenceAlone
@@ -83,7 +86,7 @@ def evidence_alone(
     found = []
     for i, of_offset in enumerate(by_offset):
         own = (owners == i).any(axis=1)
-        weak, _ = _dense(linear, own & (family == PRIOR))
+        weak = linear.rows.jacobian[own & (family == PRIOR)]
         prior = np.einsum("rui,ruj->ij", weak, weak)
         says, counts = {}, {}
         for kind, families in KINDS.items():
@@ -153,48 +156,56 @@ def _says(
     """What the rows that (R,) ``kept`` names say of one plane; with the (3, 3) information of a ``prior``, which only
     keeps the search for weights regular.
     """
-    planes = linear.rows.tree.roots
-    jacobian, unknown = _dense(linear, kept)
-    target = linear.target[kept]
+    rows = _own(linear.rows.only(kept))
+    planes, target = rows.tree.roots, linear.target[kept]
+    # Other planes do not move.
+    moving = (rows.unknown >= planes) | (rows.unknown == plane)
+    alone = replace(rows, jacobian=rows.jacobian * moving[:, :, None])
     measurement = np.repeat(np.arange(len(linear.size)), linear.size)[kept]
     numbers, measurement = np.unique(measurement, return_inverse=True)
     size, spread = linear.size[numbers], scale[linear.family[numbers]]
-    own, inner = np.nonzero(unknown == plane)[0], np.nonzero(unknown >= planes)[0]
-    columns = np.concatenate([own, inner])
-    free = jacobian[:, columns].reshape(len(target), -1)
-    weak = np.zeros((free.shape[1], free.shape[1]))
-    weak[:3, :3] = prior
+    own, weak = np.s_[3 * plane : 3 * plane + 3], np.eye(3 * planes)
+    weak[own, own] = prior
     weight = np.ones(len(numbers))
     for _ in range(_ROUNDS):
         row_weight = (weight / spread**2)[measurement]
-        information = (free.T * row_weight) @ free
-        residual = free @ np.linalg.solve(information + weak, free.T @ (row_weight * target)) - target
-        error = np.bincount(measurement, residual**2, len(numbers)) / spread**2
+        elimination = eliminate(rows.tree, alone.information(row_weight))
+        regular = replace(elimination, root=elimination.root + weak)
+        steps = solve(regular, alone.gradient(row_weight * target))
+        error = np.bincount(measurement, (alone.times(steps) - target) ** 2, len(numbers)) / spread**2
         weight = (config.student_freedom + size) / (config.student_freedom + error)
-    others = np.nonzero((unknown < planes) & (unknown != plane))[0]
-    by_others = np.zeros((free.shape[1], planes, 3))
-    by_others[:, unknown[others]] = np.einsum("rf,r,roi->foi", free, row_weight, jacobian[:, others])
-    gradient = free.T @ (row_weight * target)
-    by_cameras = free.T @ (row_weight[:, None] * camera_errors[kept])
-    by_others = np.column_stack([by_others.reshape(len(gradient), -1), by_cameras])
-    # Without biases and offsets: their Schur complement.
-    taken = np.linalg.solve(information[3:, 3:], information[3:, :3]).T
+    # Once biases and offsets are eliminated, a gradient is what the step was solved from.
+    to_gradient = elimination.root[own, own] + prior
+    by_others = eliminate(rows.tree, rows.information(row_weight)).root[own].copy()
+    by_others[:, own] = 0.0
+    by_cameras = [
+        to_gradient @ solve(regular, alone.gradient(row_weight * change))[plane] for change in camera_errors[kept].T
+    ]
     return _Says(
-        information[:3, :3] - taken @ information[3:, :3],
-        gradient[:3] - taken @ gradient[3:],
-        by_others[:3] - taken @ by_others[3:],
+        elimination.root[own, own],
+        to_gradient @ steps[plane],
+        np.column_stack([by_others, *by_cameras]),
     )
 
 
-def _dense(linear: LinearSystem, kept: BoolArray) -> tuple[FloatArray, IntArray]:
-    """(r, u, 3) derivative of the rows that are kept by the unknowns that they touch, and the (u,) numbers of these."""
-    rows = linear.rows.only(kept)
-    unknown = np.unique(np.concatenate([rows.unknown.ravel(), rows.link]))
-    dense, index = np.zeros((len(rows.unknown), len(unknown), 3)), np.arange(len(rows.unknown))
-    for side in range(2):
-        dense[index, np.searchsorted(unknown, rows.unknown[:, side])] += rows.jacobian[:, side]
-    dense[rows.linked, np.searchsorted(unknown, rows.link)] += rows.by_link
-    return dense, unknown
+def _own(rows: Rows) -> Rows:
+    """The rows with only those branches, leaves and links that they touch; all roots stay."""
+    tree = rows.tree
+    used = np.unique(np.concatenate([rows.unknown.ravel(), rows.link]))
+    branch, leaf, link = (
+        used[(used >= start) & (used < end)] - start
+        for start, end in pairwise([tree.roots, tree.roots + len(tree.root), tree.links_from, len(tree)])
+    )
+    number = np.full(len(tree), -1)
+    kept = np.concatenate([np.arange(tree.roots), used[used >= tree.roots]])
+    number[kept] = np.arange(len(kept))
+    above = number[tree.roots + tree.branch[leaf]] - tree.roots
+    return replace(
+        rows,
+        tree=Tree(tree.roots, tree.root[branch], above, tree.link[link]),
+        unknown=number[rows.unknown],
+        link=number[rows.link],
+    )
 
 
 def _owners(linear: LinearSystem) -> IntArray:
