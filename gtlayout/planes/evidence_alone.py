@@ -8,17 +8,16 @@ solution has outvoted speaks here.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from gtlayout.planes.arrow import Tree, eliminate, solve
-from gtlayout.planes.arrow_rows import Rows
+from gtlayout.planes.arrow import eliminate, solve
 from gtlayout.planes.config import UncertaintyConfig
 from gtlayout.planes.linear_system import ANGLE, EDGE, JOINT, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
+from gtlayout.planes.separate_rows import together, with_one_root
 from gtlayout.planes.trail import EvidenceAlone
 from gtlayout.scene import BoolArray, FloatArray, IntArray
 
@@ -37,6 +36,17 @@ _KNOWN = 0.5
 """As for dominant evidence: what is left with more than this share of the σ of priors alone is unknown."""
 _BOTH_KNOWN = 1 / (2 * _KNOWN**2)
 """Information, in that of the prior, on the difference of two answers that are both known just so."""
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What does one kind say of one plane?"""
+
+    plane: int
+    kind: str
+    rows: IntArray
+    count: int
+    """Of its measurements."""
 
 
 @dataclass(frozen=True)
@@ -83,18 +93,26 @@ def evidence_alone(
     """
     covariance = block_diag(covariance, np.eye(camera_errors.shape[1]))
     owners, family = _owners(linear), np.repeat(linear.family, linear.size)
-    found = []
-    for i, of_offset in enumerate(by_offset):
+    questions, priors = [], []
+    for i in range(len(by_offset)):
         own = (owners == i).any(axis=1)
         weak = linear.rows.jacobian[own & (family == PRIOR)]
-        prior = np.einsum("rui,ruj->ij", weak, weak)
-        says, counts = {}, {}
+        priors.append(np.einsum("rui,ruj->ij", weak, weak))
         for kind, families in KINDS.items():
-            rows = own & np.isin(family, families)
-            first = linear.first[linear.family == families[0]]
-            if counted := int(np.count_nonzero(rows[first])):
-                says[kind], counts[kind] = _says(linear, scale, camera_errors, i, rows, config, prior), counted
-        found.append(tuple(_alone(kind, says, counts[kind], prior, covariance, of_offset) for kind in says))
+            rows = np.nonzero(own & np.isin(family, families))[0]
+            if count := int(np.isin(linear.first[linear.family == families[0]], rows).sum()):
+                questions.append(_Question(i, kind, rows, count))
+    answers = _answers(linear, scale, camera_errors, questions, priors, config)
+    found: list[tuple[EvidenceAlone, ...]] = []
+    for i, of_offset in enumerate(by_offset):
+        own_kinds = [(question, says) for question, says in zip(questions, answers, strict=True) if question.plane == i]
+        by_kind = {question.kind: says for question, says in own_kinds}
+        found.append(
+            tuple(
+                _alone(question.kind, by_kind, question.count, priors[i], covariance, of_offset)
+                for question, _ in own_kinds
+            )
+        )
     return found
 
 
@@ -144,68 +162,70 @@ def _difference(
     return (float(np.sum(known[both] * along[both] ** 2)), int(both.sum())) if both.any() else (np.nan, 0)
 
 
-def _says(
+def _answers(
     linear: LinearSystem,
     scale: FloatArray,
     camera_errors: FloatArray,
-    plane: int,
-    kept: BoolArray,
+    questions: Sequence[_Question],
+    priors: Sequence[FloatArray],
     config: UncertaintyConfig,
-    prior: FloatArray,
-) -> _Says:
-    """What the rows that (R,) ``kept`` names say of one plane; with the (3, 3) information of a ``prior``, which only
-    keeps the search for weights regular.
+) -> list[_Says]:
+    """What the rows of each question say. All are answered at once, each with a plane, biases and offsets of its own.
+
+    The (3, 3) information of a ``prior`` of each plane only keeps the search for weights regular.
     """
-    rows = _own(linear.rows.only(kept))
-    planes, target = rows.tree.roots, linear.target[kept]
-    # Other planes do not move.
-    moving = (rows.unknown >= planes) | (rows.unknown == plane)
-    alone = replace(rows, jacobian=rows.jacobian * moving[:, :, None])
-    measurement = np.repeat(np.arange(len(linear.size)), linear.size)[kept]
-    numbers, measurement = np.unique(measurement, return_inverse=True)
+    if not questions:
+        return []
+    given = linear.rows
+    alone = together(
+        [with_one_root(given.only(_mask(question.rows, len(given.unknown))), question.plane) for question in questions]
+    )
+    index, asked = (
+        np.concatenate([q.rows for q in questions]),
+        np.repeat(np.arange(len(questions)), [len(q.rows) for q in questions]),
+    )
+    target = linear.target[index]
+    measured = np.repeat(np.arange(len(linear.size)), linear.size)[index]
+    numbers, measurement = np.unique(asked * len(linear.size) + measured, return_inverse=True)
+    numbers %= len(linear.size)
     size, spread = linear.size[numbers], scale[linear.family[numbers]]
-    own, weak = np.s_[3 * plane : 3 * plane + 3], np.eye(3 * planes)
-    weak[own, own] = prior
+    prior = block_diag(*(priors[question.plane] for question in questions))
     weight = np.ones(len(numbers))
     for _ in range(_ROUNDS):
         row_weight = (weight / spread**2)[measurement]
-        elimination = eliminate(rows.tree, alone.information(row_weight))
-        regular = replace(elimination, root=elimination.root + weak)
-        steps = solve(regular, alone.gradient(row_weight * target))
-        error = np.bincount(measurement, (alone.times(steps) - target) ** 2, len(numbers)) / spread**2
+        elimination = eliminate(alone.tree, alone.information(row_weight))
+        regular = replace(elimination, root=elimination.root + prior)
+        residual = alone.times(solve(regular, alone.gradient(row_weight * target))) - target
+        error = np.bincount(measurement, residual**2, len(numbers)) / spread**2
         weight = (config.student_freedom + size) / (config.student_freedom + error)
-    # Once biases and offsets are eliminated, a gradient is what the step was solved from.
-    to_gradient = elimination.root[own, own] + prior
-    by_others = eliminate(rows.tree, rows.information(row_weight)).root[own].copy()
-    by_others[:, own] = 0.0
-    by_cameras = [
-        to_gradient @ solve(regular, alone.gradient(row_weight * change))[plane] for change in camera_errors[kept].T
-    ]
-    return _Says(
-        elimination.root[own, own],
-        to_gradient @ steps[plane],
-        np.column_stack([by_others, *by_cameras]),
-    )
+    # What the rows change by when a plane moves, and its biases and offsets follow as they like best.
+    towards = np.zeros((3, len(alone.tree), 3))
+    towards[:, : len(questions)] = regular.root.reshape(len(questions), 3, -1, 3).sum(axis=2).transpose(2, 0, 1)
+    followed = np.column_stack([alone.times(solve(regular, one)) for one in towards]) * row_weight[:, None]
+    answers = []
+    for number, question in enumerate(questions):
+        own, here = np.s_[3 * number : 3 * number + 3], followed[asked == number]
+        by_others = np.zeros((given.tree.roots, 3, 3))
+        for side in range(2):
+            unknown = given.unknown[question.rows, side]
+            other = np.nonzero((unknown < given.tree.roots) & (unknown != question.plane))[0]
+            by_other = here[other, :, None] * given.jacobian[question.rows[other], side, None]
+            np.add.at(by_others, unknown[other], by_other)
+        others = by_others.transpose(1, 0, 2).reshape(3, -1)
+        answers.append(
+            _Says(
+                elimination.root[own, own],
+                here.T @ linear.target[question.rows],
+                np.column_stack([others, here.T @ camera_errors[question.rows]]),
+            )
+        )
+    return answers
 
 
-def _own(rows: Rows) -> Rows:
-    """The rows with only those branches, leaves and links that they touch; all roots stay."""
-    tree = rows.tree
-    used = np.unique(np.concatenate([rows.unknown.ravel(), rows.link]))
-    branch, leaf, link = (
-        used[(used >= start) & (used < end)] - start
-        for start, end in pairwise([tree.roots, tree.roots + len(tree.root), tree.links_from, len(tree)])
-    )
-    number = np.full(len(tree), -1)
-    kept = np.concatenate([np.arange(tree.roots), used[used >= tree.roots]])
-    number[kept] = np.arange(len(kept))
-    above = number[tree.roots + tree.branch[leaf]] - tree.roots
-    return replace(
-        rows,
-        tree=Tree(tree.roots, tree.root[branch], above, tree.link[link]),
-        unknown=number[rows.unknown],
-        link=number[rows.link],
-    )
+def _mask(index: IntArray, count: int) -> BoolArray:
+    mask = np.zeros(count, dtype=bool)
+    mask[index] = True
+    return mask
 
 
 def _owners(linear: LinearSystem) -> IntArray:
