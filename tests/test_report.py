@@ -199,6 +199,19 @@ def test_evidence_of_a_solve_is_kept_and_small(solution: Solution, hostile: Path
     assert (hostile / "gtlayout/evidence.json").stat().st_size < 100_000
 
 
+def test_results_without_evidence_have_a_report_without_panels(
+    hostile: Path, solution: Solution, tmp_path: Path
+) -> None:
+    """As those of earlier versions; and none is left of another solve."""
+    results = Path(shutil.copytree(hostile / "gtlayout", tmp_path / "results"))
+    write_results(results, solution.scene, solution.layout, solution.quality, Config())
+    assert not (results / "evidence.json").exists()
+    out = tmp_path / "page.html"
+    assert main(["report", str(hostile), "--layout", str(results), "--out", str(out)]) == 0
+    assert 'id="planes"' not in out.read_text()
+    assert 'id="planes"' in (hostile / "gtlayout/report.html").read_text()
+
+
 def test_the_view_holds_what_is_reliable(solution: Solution) -> None:
     count = len(solution.instances)
     every, only_floor, none = (
