@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
+from gtlayout.results.evidence import evidence_of
 from gtlayout.results.layout_files import read_solved, write_results
 from gtlayout.results.names import FOLDER
 from gtlayout.review.findings import Finding
@@ -47,9 +48,9 @@ def load_solved(
 
 
 def save(solution: Solution, results: AnyPath, findings: Sequence[Finding] | None = None) -> None:
-    """Write layout.json, .glb and .ply, quality.json, config.json, timings.json and, with new cameras, cameras.json.
+    """Write a solution: layout.json, .glb and .ply, quality.json, config.json, evidence.json and timings.json.
 
-    ``findings`` of a review of the solution are written to review.json.
+    With new cameras also cameras.json; ``findings`` of a review of the solution are written to review.json.
 
     Raises GtlayoutError when the files cannot be written to the folder ``results``. All its files are then unchanged.
     """
@@ -62,6 +63,7 @@ def save(solution: Solution, results: AnyPath, findings: Sequence[Finding] | Non
         new_cameras=solution.new_cameras,
         timings_s=solution.timings_s,
         findings=findings,
+        evidence=evidence_of(solution),
     )
 
 

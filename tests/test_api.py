@@ -111,6 +111,7 @@ def test_what_is_saved_is_what_the_command_line_writes(example: dict[str, Any], 
     for folder, missing in ((saved, set()), (example["folder"] / "gtlayout", {"review.json"})):
         names = {file.name for file in folder.iterdir()}
         assert names == {file.name for file in written.iterdir()} - missing
+        assert "evidence.json" in names
         for name in sorted(names - {"timings.json"}):
             assert (folder / name).read_bytes() == (written / name).read_bytes(), name
 

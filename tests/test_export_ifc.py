@@ -36,11 +36,11 @@ from test_export_building import (
 )
 
 from gtlayout.accuracy import accuracy_of
+from gtlayout.dimensions.facing import room_dimensions
 from gtlayout.export import export_layout
 from gtlayout.export.ifc import INFERRED, MEASURED, NO_FLOOR, PROPERTIES, SHELL_THICKNESS_M
 from gtlayout.export.ifc_facts import ACCURACY
 from gtlayout.export.shell import Surface, bodies
-from gtlayout.extent.dimensions import room_dimensions
 from gtlayout.instances import Extent, Plane, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene

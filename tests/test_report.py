@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from playwright.sync_api import Page
+from shapely import Point
 
 from gtlayout.cli.app import main
 from gtlayout.config import Config
@@ -26,7 +27,9 @@ from gtlayout.report import page as html_of
 from gtlayout.report import report_data
 from gtlayout.report.files import read_records
 from gtlayout.report.frames import shown_width
-from gtlayout.report.room_view import upright
+from gtlayout.report.next_steps import Step
+from gtlayout.report.room_view import room_view, upright
+from gtlayout.results.evidence import MAX_TRACKS, evidence_of
 from gtlayout.results.layout_files import write_results
 from gtlayout.solution import Solution
 
@@ -51,10 +54,20 @@ def hostile(solution: Solution) -> Path:
     """The folder of that scene, with results whose names and warnings are meant to run, too, and the report."""
     scene = solution.scene.root
     out = scene / "gtlayout"
-    write_results(out, solution.scene, solution.layout, solution.quality, Config(), timings_s=solution.timings_s)
+    write_results(
+        out,
+        solution.scene,
+        solution.layout,
+        solution.quality,
+        Config(),
+        timings_s=solution.timings_s,
+        evidence=evidence_of(solution),
+    )
     (out / "layout.json").write_text((out / "layout.json").read_text().replace('"wall_0"', json.dumps(NAME)))
     quality = json.loads((out / "quality.json").read_text())
     (out / "quality.json").write_text(json.dumps(quality | {"warnings": [WARNING]}))
+    evidence = out / "evidence.json"
+    evidence.write_text(evidence.read_text().replace('"wall_0"', json.dumps(NAME)))
     assert main(["report", str(scene)]) == 0
     return scene
 
@@ -166,6 +179,99 @@ def test_report_needs_a_layout(room: Path, tmp_path: Path, capsys: pytest.Captur
     assert list(tmp_path.iterdir()) == []
 
 
+def test_evidence_of_a_solve_is_kept_and_small(solution: Solution, hostile: Path) -> None:
+    seen = evidence_of(solution)
+    assert {one.instance for one in seen.tracks} <= set(range(len(solution.instances)))
+    for one in seen.tracks:
+        (element,) = (e for k, e in solution.instances[one.instance].members if k == one.key_frame)
+        drawn = solution.scene.key_frames[one.key_frame].elements[element].amodal.buffer(3)
+        assert 0 < len(one.weight) <= MAX_TRACKS
+        assert ((one.weight >= 0) & (one.weight <= 1)).all()
+        assert np.mean([drawn.contains(Point(*point)) for point in one.points_px]) > 0.9
+    assert seen.edges
+    for edge in seen.edges:
+        ends_px = np.linalg.norm(edge.drawn_px - edge.expected_px, axis=1)
+        assert edge.misfit_px <= ends_px.max() + 2
+    assert sum(edge.used for edge in seen.edges) > len(seen.edges) / 2
+    assert all({"tracks", "contact edges"} & {one.kind for one in trail.alone} for trail in seen.trails)
+    middles = [plane.normal @ trail.middle + plane.d for plane, trail in zip(solution.planes, seen.trails, strict=True)]
+    np.testing.assert_allclose(middles, 0, atol=1e-6)
+    assert (hostile / "gtlayout/evidence.json").stat().st_size < 100_000
+
+
+def test_results_without_evidence_have_a_report_without_panels(
+    hostile: Path, solution: Solution, tmp_path: Path
+) -> None:
+    """As those of earlier versions; and none is left of another solve."""
+    results = Path(shutil.copytree(hostile / "gtlayout", tmp_path / "results"))
+    write_results(results, solution.scene, solution.layout, solution.quality, Config())
+    assert not (results / "evidence.json").exists()
+    out = tmp_path / "page.html"
+    assert main(["report", str(hostile), "--layout", str(results), "--out", str(out)]) == 0
+    assert 'id="planes"' not in out.read_text()
+    assert 'id="planes"' in (hostile / "gtlayout/report.html").read_text()
+
+
+def test_the_view_holds_what_is_reliable(solution: Solution) -> None:
+    count = len(solution.instances)
+    every, only_floor, none = (
+        room_view(solution.scene, solution.layout, 0.1, reliable)
+        for reliable in ([True] * count, [one.label == "floor" for one in solution.instances], [False] * count)
+    )
+    high = max(x for one in every["instances"] if one["name"] == "floor_0" for x in one["vertices"][2])
+    path = max(every["path"][2])
+    assert only_floor["high"][2] == pytest.approx(max(high, path), abs=0.1)
+    assert every["high"][2] > only_floor["high"][2] + 0.3
+    assert (none["low"], none["high"]) == (every["low"], every["high"]), "else there is nothing to see"
+    assert [one["reliable"] for one in only_floor["instances"]].count(True) == 1
+
+
+def test_every_photo_is_in_the_page_once(hostile: Path) -> None:
+    html = (hostile / "gtlayout/report.html").read_text()
+    frames = html.count('<figure id="frame-')
+    assert html.count("data:image/jpeg") == frames
+    assert html.count('<use href="#photo-') > 2 * frames
+
+
+def pages_on_paper(page: Page, address: str) -> int:
+    page.goto(address)
+    pdf = page.pdf(prefer_css_page_size=True, print_background=True)
+    return len(re.findall(rb"/Type\s*/Page\b", pdf))
+
+
+def test_report_prints_on_two_pages(hostile: Path, page: Page) -> None:
+    assert pages_on_paper(page, (hostile / "gtlayout/report.html").as_uri()) == 2
+
+
+@pytest.mark.parametrize("plan", [True, False])
+def test_a_large_scene_prints_on_two_pages_too(solution: Solution, page: Page, tmp_path: Path, plan: bool) -> None:
+    """Forty instances, ten reasons of three lines each, and as many of the headline."""
+    data = report_data(
+        solution.scene,
+        solution.layout,
+        solution.quality,
+        [None] * len(solution.scene.key_frames),
+        timings_s={},
+        config={},
+        versions={},
+        evidence=evidence_of(solution),
+    )
+    words = "a reason that needs many words " * 12
+    data["instances"] = (data["instances"] * 40)[:40]
+    data["dimensions"] = [{"kind": "width", "between": ["a", "b"], "length": 2.0, "sigma": 0.1}] * 20
+    data["reasons"] = [{"reason": words, "names": ["wall_0"] * 30, "causes": [words]}] * 10
+    data["headline"] = {"word": "redo", "reasons": [words] * 10}
+    step = asdict(Step(words, words * 3, 0, "0 0 40 30", "M0 0L1 1Z"))
+    data |= {"next_steps": [step] * 3, "title": "a name " * 40, "room": None}
+    data |= {} if plan else {"floor_plan": None}
+    (tmp_path / "large.html").write_text(html_of(data))
+    assert pages_on_paper(page, (tmp_path / "large.html").as_uri()) == 2
+    page.emulate_media(media="print")
+    # What does not fit is said: headline, reasons, instances, dimensions.
+    for left_out in (6, 6, 26, 13):
+        assert page.get_by_text(f"… and {left_out} more, which are in the page itself.").first.is_visible()
+
+
 def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     """The 3D view as it is shown, BGR."""
     image = cv2.imdecode(np.frombuffer(page.locator("#room-view").screenshot(), dtype=np.uint8), cv2.IMREAD_COLOR)
@@ -185,16 +291,34 @@ def test_report_works_in_a_browser(hostile: Path, page: Page, problems: list[str
     assert page.locator("#instances td", has_text=NAME).count() >= 1
     assert page.locator("#instance-legend span", has_text=NAME).count() == 1
     assert page.locator("svg.annotation text", has_text=NAME).count() >= 1
-    page.locator("#verdict summary").click()
-    assert page.locator("#verdict li", has_text=WARNING).is_visible()
+    page.locator("#warnings summary").click()
+    assert page.locator("#warnings li", has_text=WARNING).is_visible()
     assert page.locator("img[src=x]").count() == 0
 
     # Layers of the frames.
     for layer in ("photo", "annotation", "rendering", "differences"):
         shown = page.locator(f"#frames .{layer}").first
-        assert shown.is_visible() == (layer != "differences")
+        assert shown.is_visible()
         page.locator(f"#show-{layer}").click()
-        assert shown.is_visible() == (layer == "differences")
+        assert not shown.is_visible()
+
+    # The worst frame comes first.
+    ious = [
+        float(text.rsplit("IoU ", 1)[1].split()[0]) for text in page.locator("#frames figcaption").all_inner_texts()
+    ]
+    assert ious == sorted(ious)
+
+    # A link to a plane unfolds its evidence, and so does the keyboard.
+    panel = page.locator("#plane-1")
+    assert panel.get_attribute("open") is None
+    page.locator("#instances tbody a").nth(1).click()
+    assert panel.get_attribute("open") is not None
+    assert panel.locator("td", has_text="all together").is_visible()
+    assert panel.locator("svg.window path.dots").count() >= 1
+    panel.locator("summary").press("Enter")
+    assert panel.get_attribute("open") is None
+    for part in ("#next svg.window", "#planes svg.window", "#frames svg.photo"):
+        assert page.locator(f"{part}:not([aria-label])").count() == 0
 
     # The table sorts, numbers as numbers, both ways.
     column = "#instances tbody td:nth-child(5)"

@@ -244,7 +244,8 @@ def test_the_same_evidence_gives_the_same_bytes(truth: Truth) -> None:
     evidence = drawn(truth, 0)
     a, b = (plane_uncertainty(truth.tracks, evidence, truth.planes, EstimationConfig()) for _ in range(2))
     assert a.covariance.tobytes() == b.covariance.tobytes()
-    assert a == replace(b, covariance=a.covariance)
+    assert a.dominant_evidence == b.dominant_evidence
+    assert repr(a.trails) == repr(b.trails)
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Polygon
 
+from gtlayout.dimensions.facing import MAX_ANGLE_DEG
 from gtlayout.export.solid import Corner, Solid, between, crosses_itself
-from gtlayout.extent.dimensions import MAX_ANGLE_DEG
 from gtlayout.instances import PlaneFrame
 from gtlayout.scene import FloatArray
 

@@ -60,10 +60,16 @@ class Joints:
         return blocks.reshape(3 * len(index), 3 * len(index))
 
 
+def middle_on(plane: FloatArray, views: Views) -> FloatArray:
+    """(3,) point on a plane at the middle of its elements, or the foot of the origin where it is not seen."""
+    points, _ = views.seen_on(plane)
+    middle: FloatArray = np.median(points, axis=0) if len(points) else -plane[3] * plane[:3]
+    return middle - (middle @ plane[:3] + plane[3]) * plane[:3]
+
+
 def offset_gradient(plane: FloatArray, views: Views) -> FloatArray:
     """(3,) derivative, by the tangent, of a plane's offset at the middle of its elements."""
-    points, _ = views.seen_on(plane)
-    middle = np.median(points, axis=0) if len(points) else -plane[3] * plane[:3]
+    middle = middle_on(plane, views)
     return np.append(middle @ gtsam.OrientedPlane3(plane).normal().basis(), 1.0)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from gtlayout.geometry.similarity import Similarity, covariance_by
 from gtlayout.instances import ContactOffsets, Plane
+from gtlayout.planes.trail import PlaneTrail
 from gtlayout.scene import FloatArray, IntArray
 
 
@@ -39,6 +40,8 @@ class Estimate:
     iterations: tuple[Iteration, ...]
     warnings: tuple[str, ...] = ()
     """Problems during the solve, one line each."""
+    trails: tuple[PlaneTrail, ...] = ()
+    """What each kind of evidence says of each plane by itself."""
 
     def to_world(self, local: Similarity, anchor: FloatArray) -> Estimate:
         """The estimate in the world that ``local`` is a form of, with covariances that refer to ``anchor``, (3,) there.
@@ -63,4 +66,5 @@ class Estimate:
             landmarks=local.points_to_world(self.landmarks),
             contact_offsets={pair: local.vectors_to_world(offset) for pair, offset in self.contact_offsets.items()},
             iterations=tuple(Iteration(one.cost, local.planes_to_world(one.planes)[0]) for one in self.iterations),
+            trails=tuple(trail.to_world(local) for trail in self.trails),
         )

@@ -88,6 +88,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int, known:
             for cost, at in zip(solution.costs, solution.history, strict=True)
         ),
         warnings=tuple(warnings),
+        trails=tuple(trail.to_world(local) for trail in uncertainty.trails),
     )
 
 

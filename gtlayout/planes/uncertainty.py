@@ -18,13 +18,15 @@ import numpy as np
 
 from gtlayout.geometry.rays import nonzero
 from gtlayout.instances import EvidenceKind
-from gtlayout.planes.arrow import Elimination, by_blocks, eliminate, inverse, solve
+from gtlayout.planes.arrow import by_blocks, eliminate, inverse, solve
 from gtlayout.planes.config import EstimationConfig, UncertaintyConfig
-from gtlayout.planes.dominant_evidence import dominant_evidence, offset_gradient
+from gtlayout.planes.dominant_evidence import dominant_evidence, middle_on, offset_gradient
 from gtlayout.planes.evidence import Evidence
+from gtlayout.planes.evidence_alone import evidence_alone
 from gtlayout.planes.linear_system import ANGLE, EDGE, OFFSET, PRIOR, SHARED_DEPTH, TRACK, LinearSystem
 from gtlayout.planes.linearisation import linearise
-from gtlayout.scene import BoolArray, FloatArray, IntArray
+from gtlayout.planes.trail import PlaneTrail
+from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.tracking.tracks import Tracks
 
 
@@ -36,6 +38,8 @@ class Uncertainty:
     """(4S, 4S) of all planes' (normal, d) together, local world; NaN for those without a plane."""
     dominant_evidence: tuple[EvidenceKind, ...]
     """The kind of evidence that each plane rests on; empty for those without a plane."""
+    trails: tuple[PlaneTrail, ...]
+    """What each kind of evidence says of each plane by itself, local world."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +67,12 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     """Covariance of all planes at the solution ``planes`` (S, 4), with errors as large as the residuals show."""
     placed = np.nonzero(np.isfinite(planes[:, 0]))[0]
     linear = linearise(tracks, evidence, planes, placed, config)
-    covariance, _, row_weight = robust_scales(linear, config.uncertainty)
+    covariance, scale, row_weight = robust_scales(linear, config.uncertainty)
     elimination = eliminate(linear.rows.tree, linear.rows.information(row_weight))
-    by_cameras = _moved_by_cameras(linear, elimination, evidence, planes, placed, row_weight)
+    camera_errors = _camera_errors(linear, evidence, planes)
+    by_cameras = np.empty((3 * len(placed), camera_errors.shape[1]))
+    for way, error in enumerate(camera_errors.T):
+        by_cameras[:, way] = solve(elimination, linear.rows.gradient(row_weight * error))[: len(placed)].ravel()
     tangents = covariance + by_cameras @ by_cameras.T
     # The solve weighs tracks and edges in another way than the noise estimated here would. Where that makes a
     # difference, it is one more error, of each plane by itself; at most as large as the others: either may be right.
@@ -86,23 +93,19 @@ def plane_uncertainty(tracks: Tracks, evidence: Evidence, planes: FloatArray, co
     by_offset = np.array([offset_gradient(planes[s], evidence.views[s]) for s in placed])
     for s, kind in zip(placed, dominant_evidence(linear, row_weight, by_offset), strict=True):
         held[s] = kind
+    trails = [PlaneTrail(np.full(3, np.nan), ()) for _ in planes]
+    alone = evidence_alone(linear, scale, tangents, camera_errors, by_offset, config.uncertainty)
+    for s, said in zip(placed, alone, strict=True):
+        trails[s] = PlaneTrail(middle_on(planes[s], evidence.views[s]), said)
     # A door or window is joined to others by its wall, not by an angle.
     of_wall = (evidence.host >= 0) & np.array([kind == "right angles" for kind in held])
     held = [held[evidence.host[s]] if of_wall[s] else held[s] for s in range(len(held))]
-    return Uncertainty(of_planes, tuple(held))
+    return Uncertainty(of_planes, tuple(held), tuple(trails))
 
 
-def _moved_by_cameras(
-    linear: LinearSystem,
-    elimination: Elimination,
-    evidence: Evidence,
-    planes: FloatArray,
-    placed: IntArray,
-    row_weight: FloatArray,
-) -> FloatArray:
-    """(3P, Q) what each way in which the cameras may be wrong does to the planes, by one σ."""
+def _camera_errors(linear: LinearSystem, evidence: Evidence, planes: FloatArray) -> FloatArray:
+    """(R, Q) what each way in which the cameras may be wrong adds to the rows' target, by one σ."""
     response = evidence.camera_response
-    ways = response.rho_share.shape[1]
     rows = np.nonzero(linear.track >= 0)[0]
     track = linear.track[rows]
     plane, key_frame = planes[evidence.track_instance[track]], evidence.track_key_frame[track]
@@ -115,12 +118,9 @@ def _moved_by_cameras(
     change = evidence.rays.rho[track, None] * response.rho_share[track]
     change += np.einsum("ri,rqi->rq", by_turn, response.turn[key_frame])
     change += np.einsum("ri,rqi->rq", by_center, response.center[key_frame])
-    moved = np.empty((3 * len(placed), ways))
-    for way in range(ways):
-        target = np.zeros(len(linear.target))
-        target[rows] = -change[:, way] / linear.sigma_rho[rows]
-        moved[:, way] = solve(elimination, linear.rows.gradient(row_weight * target))[: len(placed)].ravel()
-    return moved
+    errors = np.zeros((len(linear.target), response.rho_share.shape[1]))
+    errors[rows] = -change / linear.sigma_rho[rows, None]
+    return errors
 
 
 def robust_scales(

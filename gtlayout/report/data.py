@@ -18,11 +18,17 @@ from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.config import QualityConfig
 from gtlayout.report.frames import finding_lines, key_frame_data
+from gtlayout.report.next_steps import folded_reasons, next_steps
+from gtlayout.report.panels import panels
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.report.room_view import room_view
-from gtlayout.results.tables import most_certain_first, reasons
+from gtlayout.results.evidence import EvidenceSeen
+from gtlayout.results.tables import most_certain_first
 from gtlayout.review.findings import Finding
 from gtlayout.scene import ImageArray, Scene
+
+SHOWN = 3
+"""Findings of one kind that are not folded away."""
 
 
 def report_data(
@@ -36,11 +42,13 @@ def report_data(
     versions: Mapping[str, str],
     warnings: Sequence[str] = (),
     findings: Sequence[Finding] | None = None,
+    evidence: EvidenceSeen | None = None,
 ) -> dict[str, Any]:
     """Everything the template needs, as dicts, lists, strings and numbers; no NaN.
 
     ``photos`` are (H, W, 3) RGB, one per key frame, None where it cannot be read. ``findings`` are those of a review of
-    the drawings; None when there was none.
+    the drawings; None when there was none. Without ``evidence``, which earlier versions did not keep, planes have no
+    panels.
     """
     colors = [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in instance_colors(range(len(layout.instances)))]
     full = sigma_full(layout.metric, median_depth(scene, layout.instances, layout.planes))
@@ -69,9 +77,10 @@ def report_data(
             "id": scene.key_frames[worst.key_frame].elements[worst.element].id,
             "iou": worst.iou,
         },
-        "reasons": reasons(layout, quality),
+        "next_steps": [asdict(step) for step in next_steps(scene, layout, quality, findings or (), evidence)],
+        "reasons": folded_reasons(layout, quality),
         "warnings": list(warnings),
-        "findings": None if findings is None else [_finding(finding) for finding in findings],
+        "findings": None if findings is None else _folded(findings),
         "instances": _instances(layout, quality, colors),
         "dimensions": _dimensions(layout),
         "frames": [
@@ -79,7 +88,10 @@ def report_data(
             | {"findings": finding_lines(findings or (), number)}
             for number, photo in enumerate(photos)
         ],
-        "room": room_view(scene, layout, full) if len(layout.triangles.faces) else None,
+        "planes": None if evidence is None else panels(scene, layout, quality, evidence, colors),
+        "room": room_view(scene, layout, full, [one.verdict == "ok" for one in quality.instances])
+        if len(layout.triangles.faces)
+        else None,
         "floor_plan": _floor_plan(scene, layout),
         "timings": _timings(timings_s),
         "config": flat(config),
@@ -108,6 +120,19 @@ def _instances(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[
             "causes": list(judged.causes),
         }
         for instance, plane, extent, judged, color in parts
+    ]
+
+
+def _folded(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """By kind, in their order; of a kind with many only the first are shown at once."""
+    by_kind: dict[str, list[dict[str, Any]]] = {}
+    for finding in findings:
+        by_kind.setdefault(finding.kind, []).append(_finding(finding))
+    return [
+        {"kind": kind, "shown": of[:SHOWN], "more": of[SHOWN:]}
+        if len(of) > SHOWN + 1
+        else {"kind": kind, "shown": of, "more": []}
+        for kind, of in by_kind.items()
     ]
 
 

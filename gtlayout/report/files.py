@@ -15,6 +15,8 @@ from gtlayout.quality.config import QualityConfig
 from gtlayout.report.data import report_data
 from gtlayout.report.frames import photo
 from gtlayout.report.page import page
+from gtlayout.results.evidence import evidence_of
+from gtlayout.results.evidence_file import read_evidence
 from gtlayout.results.layout_files import package_versions, read_solved
 from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.results.review_file import read_review
@@ -65,6 +67,7 @@ def write_report(
         versions=records.versions,
         warnings=records.warnings or scene.warnings,
         findings=read_review(folder, scene),
+        evidence=read_evidence(folder, scene, layout),
     )
     write_atomic(out, page(data))
 
@@ -84,6 +87,7 @@ def solved_page(solution: Solution, plotly_src: str) -> str:
         config=asdict(solution.config),
         versions=package_versions(),
         warnings=scene.warnings,
+        evidence=evidence_of(solution),
     )
     return page(data, plotly_src)
 

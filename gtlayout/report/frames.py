@@ -50,7 +50,7 @@ def key_frame_data(
             "id": element.id,
             "color": colors[instance_of[e]],
             "opening": element.label in OPENINGS,
-            "path": _path(element.amodal),
+            "path": path_of(element.amodal),
             "at": _label_point(element.amodal),
         }
         for e, element in enumerate(key_frame.elements)
@@ -60,6 +60,7 @@ def key_frame_data(
         "name": scene.frame_of(number).name,
         "number": number,
         "iou": finite(quality.frames[number]),
+        "order": sum(iou < quality.frames[number] for iou in quality.frames),
         "width": camera.width,
         "height": camera.height,
         "photo": None if photo is None else _jpeg(photo, size),
@@ -126,8 +127,8 @@ def _differing(rendered: LabelImage, annotated: LabelImage) -> npt.NDArray[np.ui
     return image
 
 
-def _path(region: MultiPolygon) -> str:
-    """An SVG path (even-odd) of all rings, px of the full image."""
+def path_of(region: MultiPolygon) -> str:
+    """The SVG path (even-odd) of all rings, px of the full image."""
     return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in ring) + "Z" for ring in rings_of(region))
 
 

@@ -5,8 +5,10 @@ const middle = room.low.map((low, axis) => (low + room.high[axis]) / 2);
 const sides = room.low.map((low, axis) => Math.max(room.high[axis] - low, 1e-9));
 const longest = Math.max(...sides);
 const unit = room.metric ? "m" : "u";
+// What is not reliable is seen, but does not catch the eye.
+const PALE = 0.3;
 let mode = "instance";
-let eye = room.eye;
+let eye = fitted();
 
 const checked = (id) => document.getElementById(id).checked;
 // plotly reads some HTML in texts: names from files are none.
@@ -16,6 +18,21 @@ const isKnown = (sigma, of) => sigma !== null && sigma < of;
 const withSigma = (length, sigma) =>
   isKnown(sigma, length) ? `${length.toFixed(2)} ± ${sigma.toFixed(2)} ${unit}` : `${length.toFixed(2)} ${unit} ± unknown`;
 const sigmaAt = (sigma) => (isKnown(sigma, longest) ? `σ ${sigma.toPrecision(2)} ${unit}` : "σ unknown");
+
+// From the direction that the room is looked at from first, as near as all of its box is seen. plotly's field of view is
+// 45° of the height. The corners of the box that are nearest to the eye are seldom part of the room.
+function fitted() {
+  const cross = ([a, b, c], [x, y, z]) => [b * z - c * y, c * x - a * z, a * y - b * x];
+  const dot = (one, other) => one.reduce((sum, value, axis) => sum + value * other[axis], 0);
+  const unitOf = (vector) => vector.map((value) => value / Math.max(Math.hypot(...vector), 1e-9));
+  const ahead = unitOf(room.eye), right = unitOf(cross([0, 0, 1], ahead)), up = cross(ahead, right);
+  const high = Math.tan(Math.PI / 8), wide = (high * view.clientWidth) / Math.max(view.clientHeight, 1);
+  const needed = [0, 1, 2, 3, 4, 5, 6, 7].map((corner) => {
+    const at = sides.map((side, axis) => (((corner >> axis) & 1 ? 0.5 : -0.5) * side) / longest);
+    return dot(at, ahead) + Math.max(Math.abs(dot(at, up)) / high, Math.abs(dot(at, right)) / wide);
+  });
+  return ahead.map((value) => 0.92 * Math.max(...needed) * value);
+}
 
 // Normals point at the cameras: from behind an instance one looks through it into the room.
 function seenFromInside(instance) {
@@ -46,14 +63,17 @@ function traces() {
     // Also a plain colour is a scale: plotly keeps the scale of an instance that gets a colour instead.
     const scale = bySigma ? room.sigma_scale : [shaded(instance), shaded(instance)];
     drawn.push({
-      type: "mesh3d", name: instance.name, x, y, z, i, j, k, hoverinfo: "text",
+      type: "mesh3d", opacity: instance.reliable ? 1 : PALE, name: instance.name, x, y, z, i, j, k, hoverinfo: "text",
       intensity: instance.sigma, cmin: 0, cmax: room.sigma_full, showscale: false,
       colorscale: scale.map((color, step) => [step / (scale.length - 1), color]),
       text: instance.sigma.map((sigma) => `${plain(instance.name)}: ${sigmaAt(sigma)}`),
       lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
     });
   }
-  const outlines = [[front, "rgba(30,35,45,.9)", 3], [behind, "rgba(128,136,150,.6)", 2]];
+  const outlines = [
+    [front.filter((instance) => instance.reliable), "rgba(30,35,45,.9)", 3],
+    [[...front.filter((instance) => !instance.reliable), ...behind], "rgba(128,136,150,.6)", 2],
+  ];
   for (const [instances, color, width] of outlines.filter(([instances]) => instances.length > 0)) {
     const [x, y, z] = brokenLines(instances);
     drawn.push({ type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip", line: { color, width } });
@@ -81,9 +101,7 @@ function layout() {
     visible: false, range: [room.low[index], room.high[index]], autorange: false, showspikes: false,
   });
   const [x, y, z] = sides.map((side) => side / longest);
-  // plotly's field of view is that of the height: narrow views need more distance.
-  const distance = Math.max(1, (1.25 * view.clientHeight) / view.clientWidth);
-  const [ex, ey, ez] = room.eye.map((value) => value * distance);
+  const [ex, ey, ez] = eye;
   return {
     margin: { l: 0, r: 0, t: 0, b: 0 }, paper_bgcolor: "rgba(0,0,0,0)", showlegend: false, uirevision: "kept",
     hoverlabel: { align: "left" },

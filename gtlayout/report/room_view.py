@@ -21,15 +21,17 @@ _SCALE_STEPS = 16
 """Colours that the scale of σ is made of; the browser interpolates."""
 _MARGIN_SHARE = 0.01
 """Room round everything, as a share of the longest side."""
-_EYE_DISTANCE = 1.3
-"""From the room's middle, in lengths of its longest side."""
 
 
-def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]:
+def room_view(
+    scene: Scene, layout: Layout, sigma_full: float, reliable: Sequence[bool] | None = None
+) -> dict[str, Any]:
     """Meshes, outlines, camera path and dimensions, turned so that z is up and the largest wall runs along x.
 
-    Lengths are in world units; ``sigma_full`` is the end of the scale of σ.
+    Lengths are in world units; ``sigma_full`` is the end of the scale of σ. The view holds the instances that are
+    ``reliable``, all when not given or none is; the others are faded, and cut off where they reach beyond.
     """
+    reliable = reliable or [True] * len(layout.instances)
     turn = upright(scene, layout)
     step = SIGMA_STEP_SHARE * float(np.linalg.norm(np.ptp(layout.triangles.vertices, axis=0)))
     instances = []
@@ -56,9 +58,12 @@ def room_view(scene: Scene, layout: Layout, sigma_full: float) -> dict[str, Any]
                 "outline": _broken_lines(outline),
                 "normal": _rounded(turn @ plane.normal),
                 "d": float(plane.d),
+                "reliable": bool(reliable[i]),
             }
         )
-    room = layout.triangles.vertices[np.unique(layout.triangles.faces)] @ turn.T
+    fitted = np.isin(layout.triangles.face_instance, np.nonzero(np.array(reliable))[0])
+    faces = layout.triangles.faces[fitted] if fitted.any() else layout.triangles.faces
+    room = layout.triangles.vertices[np.unique(faces)] @ turn.T
     path = np.array([frame.camera.center_world for frame in scene.frames]) @ turn.T
     everything = np.vstack([room, path])
     # plotly cuts off what lies outside, and a floor just at the border here and there.
@@ -103,10 +108,10 @@ def upright(scene: Scene, layout: Layout) -> FloatArray:
 
 
 def _eye(scene: Scene, turn: FloatArray) -> FloatArray:
-    """(3,) from where to look at the room first, from its middle: behind and above the cameras."""
+    """(3,) the direction to look at the room from first, from its middle: behind and above the cameras."""
     forward = turn @ np.mean([frame.camera.R_cam_from_world[2] for frame in scene.frames], axis=0)
     back = -forward * (1.0, 1.0, 0.0)
-    return _EYE_DISTANCE * _unit(back / max(float(np.linalg.norm(back)), 1e-9) + (0.35, 0.0, 0.9))
+    return _unit(back / max(float(np.linalg.norm(back)), 1e-9) + (0.35, 0.0, 0.9))
 
 
 def _unit(vector: FloatArray) -> FloatArray:

@@ -38,8 +38,10 @@ from gtlayout.results.dimension_rows import (
     read_scale,
     scale_row,
 )
+from gtlayout.results.evidence import EvidenceSeen
+from gtlayout.results.evidence_file import evidence_text
 from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
-from gtlayout.results.names import LOG_FILE, REPORT_FILE, REVIEW_FILE, TIMINGS_FILE
+from gtlayout.results.names import EVIDENCE_FILE, LOG_FILE, REPORT_FILE, REVIEW_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text, with_refined_cameras
 from gtlayout.results.review_file import review_text
@@ -59,12 +61,13 @@ def write_results(
     new_cameras: bool = False,
     timings_s: Mapping[str, float] | None = None,
     findings: Sequence[Finding] | None = None,
+    evidence: EvidenceSeen | None = None,
 ) -> None:
     """Write all result files. All are complete before the first takes its place. Those of an earlier solve are removed.
 
     ``new_cameras``: the scene's cameras are not those it was read with, and are written, too. ``timings_s``:
     seconds of each stage; in a file of their own, because all others are the same bytes for the same input.
-    ``findings``: those of a review of the drawings, if there was one.
+    ``findings``: those of a review of the drawings, if there was one. ``evidence``: what the planes are made of.
 
     Raises:
         GtlayoutError: the folder or disk does not take them.
@@ -76,6 +79,8 @@ def write_results(
         optional[out_dir / TIMINGS_FILE] = json_text({"seconds": dict(timings_s)})
     if findings is not None:
         optional[out_dir / REVIEW_FILE] = review_text(findings)
+    if evidence is not None:
+        optional[out_dir / EVIDENCE_FILE] = evidence_text(scene, layout, evidence)
     write_all_atomic(
         {
             **optional,
@@ -87,7 +92,7 @@ def write_results(
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
         }
     )
-    for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE, REVIEW_FILE):
+    for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE, REVIEW_FILE, EVIDENCE_FILE):
         if out_dir / stale not in optional:
             (out_dir / stale).unlink(missing_ok=True)
 
