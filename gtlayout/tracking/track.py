@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import qmc
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.memory import Memory
@@ -44,7 +43,6 @@ def track(
     scene.require_elements()
     tracker, memory = tracker or _tracker(config), memory or Memory()
     images = ImageCache(scene, config.max_frames)
-    sampler = qmc.Sobol(d=2, seed=seed)
     parts = []
     for k, key_frame in enumerate(scene.key_frames):
         progress(k, len(scene.key_frames))
@@ -55,7 +53,7 @@ def track(
             memory.of(
                 "tracks of a key frame",
                 (key_frame.frame, regions, seen, config, seed),
-                partial(_of_key_frame, scene, images, k, config, sampler, tracker),
+                partial(_of_key_frame, scene, images, k, config, seed, tracker),
             )
         )
     progress(len(scene.key_frames), len(scene.key_frames))
@@ -99,7 +97,7 @@ def _of_key_frame(
     images: ImageCache,
     k: int,
     config: TrackingConfig,
-    sampler: qmc.Sobol,
+    seed: int,
     tracker: PairTracker,
 ) -> _Followed:
     """Points sampled on the elements of key frame ``k``, followed both ways."""
@@ -109,7 +107,7 @@ def _of_key_frame(
     if image is None:
         raise GtlayoutError(f"{images.errors[key]}; it is annotated: mend it or remove its annotation")
     images.errors.clear()
-    per_element = [sample_points(image, element, config, sampler) for element in elements]
+    per_element = [sample_points(image, element, config, seed) for element in elements]
     start = np.concatenate(per_element) if per_element else np.empty((0, 2))
     followed = [(np.arange(len(start)), np.full(len(start), key), start)]
     for direction in (-1, 1):
