@@ -14,7 +14,7 @@ from gtlayout.quality.assess import assess
 from gtlayout.quality.config import QualityConfig
 from gtlayout.report.data import report_data
 from gtlayout.report.frames import photo
-from gtlayout.report.page import page
+from gtlayout.report.page import environment, page
 from gtlayout.results.layout_files import package_versions, read_layout
 from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.results.refined_cameras import with_refined_cameras
@@ -46,9 +46,11 @@ def write_report(
     """Write the page of the layout in ``folder`` to ``out``; ``cameras`` and ``annotations`` as for ``load_scene``.
 
     Raises:
+        MissingExtraError: Jinja2 or plotly is not installed.
         GtlayoutError: the scene or its results cannot be read, or the disk does not take the page. A key frame's image
             that cannot be read only leaves its place in the page empty.
     """
+    environment()  # What it needs is missed before the work, not after it.
     scene = with_refined_cameras(load_scene(scene_dir, annotations, cameras=cameras), folder)
     layout = read_layout(folder, scene)
     records = read_records(folder)
