@@ -9,6 +9,7 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias, cast
 
@@ -36,6 +37,8 @@ MAX_FRAMES = 5_000_000
 """A day at 60 Hz."""
 NEAR_FRAMES = 16
 """Decoding this much further costs about what seeking does."""
+_READING = Lock()
+"""Two threads in one decoder end the process."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +109,9 @@ class Video:
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         where = f"frame {index} of {self.path} (at {self.times_s[index]:.3f} s)"
-        (width, height), orientation = self._stored
-        frame = self._find(index)
+        with _READING:
+            (width, height), orientation = self._stored
+            frame = self._find(index)
         if frame is None or frame.is_corrupt:
             raise GtlayoutError(f"cannot decode {where}: damaged")
         if (frame.width, frame.height) != (width, height):
