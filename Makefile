@@ -9,6 +9,8 @@ ROOM := examples/room
 INPUTS := pyproject.toml constraints.txt
 TOOLS := .venv-tools
 VALIDATOR := tests/tools/node
+# The demo has every command but those for PyTorch, CVAT, HEIC, IFC and USD, which are large or rarely asked for.
+DEMO_EXTRAS := annotate,batch,colmap,dxf,report,view
 # A file of tests whose process ended is begun again, once: one that hangs would otherwise take the time many times.
 PYTEST := python -m pytest -n 2 --dist loadfile --max-worker-restart 1
 
@@ -41,7 +43,7 @@ $(BIN)/pip:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: $(INPUTS) | $(BIN)/pip
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[$(DEMO_EXTRAS)]'
 	@touch $@
 
 $(VENV)/.installed-dev: $(INPUTS) | $(BIN)/pip

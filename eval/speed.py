@@ -1,4 +1,4 @@
-"""Speed: what a solve takes, how that grows, and how it compares with the paper's own optimiser."""
+"""Speed: what a solve takes and where, how that grows, and how it compares with the paper's own optimiser."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from common import adam
 from common.command_line import GTLAYOUT, exit_status, new_app
 from common.metrics import Metric, write_tables
 from common.runner import scenes_by_folder
+from common.stage_times import stage_rows
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
@@ -79,7 +80,8 @@ def measure(
     runs: Annotated[int, Parameter(validator=Number(gte=1, lte=max(RUNS)))] = 10,
     repeats: Annotated[int, Parameter(validator=Number(gte=1))] = 3,
 ) -> None:
-    """Time solves of scenes, the paper's optimiser on the same tracks, and the estimator on simulated rooms.
+    """Time solves of scenes, stage by stage and beside the least that following points costs; the paper's optimiser on
+    the same tracks; and the estimator on simulated rooms.
 
     Only what is run is printed, and all of it is run now: nothing is taken from an earlier run, nothing extrapolated.
 
@@ -96,11 +98,13 @@ def measure(
     """
     scenes: dict[str, list[Metric]] = {}
     papers: dict[str, list[Metric]] = {}
+    stages: dict[str, list[Metric]] = {}
     for folder, found in scenes_by_folder(roots).items():
         for name, path in found.items():
             try:
                 command = time_command(path, repeats)
                 solution, solved = time_solve(path, repeats)
+                stages |= stage_rows(path, f"{folder}/{name}", repeats)
             except GtlayoutError as error:
                 print(f"{folder}/{name}: {error}", file=sys.stderr)
                 continue
@@ -109,7 +113,7 @@ def measure(
             papers[f"{folder}/{name}"] = compare_with_paper(prepared, runs, repeats)
     growth = grown({name: time_estimation(simulated(size), repeats) for name, size in GROWTH.items()})
     marginals = grown({f"{count} key frames": time_marginals(count, repeats) for count in KEY_FRAMES})
-    tables = [("scenes", scenes, "scene"), ("paper", papers, "scene")]
+    tables = [("scenes", scenes, "scene"), ("stages", stages, "scene"), ("paper", papers, "scene")]
     for name, rows, title in (*tables, ("growth", growth, "simulated"), ("marginals", marginals, "simulated")):
         write_tables(out, name, rows, title)
         print((out / f"{name}.md").read_text(encoding="utf-8"))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
 from gtlayout.accuracy import Accuracy
 from gtlayout.colors import LABEL_COLORS
@@ -15,6 +15,9 @@ from gtlayout.instances import Dimension, Extent, Instance, Mesh, NextMeasuremen
 from gtlayout.measurement import Checked, Scale
 from gtlayout.mesh import vertex_sigma
 from gtlayout.scene import Camera
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,8 @@ class Layout:
 
 def as_trimesh(layout: Layout) -> trimesh.Trimesh:
     """The mesh in the world frame and unit of the input cameras: a colour per face by label, ``sigma`` per vertex."""
+    import trimesh
+
     mesh = layout.triangles
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)

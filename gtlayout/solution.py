@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
-
-import trimesh
+from typing import TYPE_CHECKING
 
 from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.config import Config
@@ -21,6 +20,9 @@ from gtlayout.quality.assess import Quality
 from gtlayout.scene import Camera, IntArray, Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 from gtlayout.tracking.tracks import Tracks
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True)

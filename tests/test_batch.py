@@ -19,7 +19,8 @@ from gtlayout.batch.job import Job, Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import RECORD_FILE, Record, scene_folder, write_record
 from gtlayout.batch.run import _merged, _split
-from gtlayout.batch.run_folder import is_run, read_run, write_run, write_tables
+from gtlayout.batch.run_folder import is_run, read_run, write_run
+from gtlayout.batch.run_tables import write_tables
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.batch.worker import Outcome
 from gtlayout.cli.app import main

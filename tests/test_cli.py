@@ -278,3 +278,12 @@ def test_version_and_help_load_nothing_heavy() -> None:
     code = f"import sys, gtlayout.cli.app; print([m for m in {heavy!r} if m in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"
+
+
+def test_a_solve_imports_nothing_that_it_does_not_need() -> None:
+    """Each of these takes a twentieth to a third of a second."""
+    heavy = "av", "jinja2", "pycolmap", "rerun", "scipy.stats", "starlette", "trimesh"
+    modules = "gtlayout.api, gtlayout.method, gtlayout.results.tables, gtlayout.review.review"
+    code = f"import sys, {modules}; print([m for m in {heavy!r} if m in sys.modules])"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert loaded.stdout.strip() == "[]"

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rooms
+from room_dimensions import room_dimensions
 from scipy.linalg import block_diag
 
-from gtlayout.dimensions.facing import distances
 from gtlayout.instances import Dimension, Plane
 from gtlayout.scene import FloatArray
 
@@ -18,13 +18,12 @@ from gtlayout.scene import FloatArray
 def _dimensions(
     surfaces: Sequence[rooms.Surface], covariance: FloatArray | None = None, planes: Sequence[Plane] | None = None
 ) -> tuple[Dimension, ...]:
-    taken = distances(
+    return room_dimensions(
         rooms.instances_of(surfaces, 1),
         planes or [surface.plane for surface in surfaces],
         [surface.extent for surface in surfaces],
+        np.zeros((4 * len(surfaces), 4 * len(surfaces))) if covariance is None else covariance,
     )
-    known = np.zeros((4 * len(surfaces), 4 * len(surfaces))) if covariance is None else covariance
-    return tuple(replace(dimension, sigma=measured.sigma(known)) for dimension, measured in taken)
 
 
 def _opposite(angle_deg: float = 0.0) -> tuple[rooms.Surface, rooms.Surface]:

@@ -21,6 +21,7 @@ import pytest
 import rooms
 import shapely
 import trimesh
+from room_dimensions import room_dimensions
 from scipy.spatial import ConvexHull, HalfspaceIntersection
 from shapely import MultiPolygon, Polygon
 from test_export_building import (
@@ -36,7 +37,6 @@ from test_export_building import (
 )
 
 from gtlayout.accuracy import accuracy_of
-from gtlayout.dimensions.facing import room_dimensions
 from gtlayout.export import export_layout
 from gtlayout.export.ifc import INFERRED, MEASURED, NO_FLOOR, PROPERTIES, SHELL_THICKNESS_M
 from gtlayout.export.ifc_facts import ACCURACY

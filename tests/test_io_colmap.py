@@ -14,6 +14,7 @@ from scene_checks import assert_one_camera_skipped
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.colmap.reader import read_colmap
 from gtlayout.io.cameras.undistort import undistortion
+from gtlayout.io.lens import PARAMETERS, Lens
 from gtlayout.io.scene_folder import load_scene
 
 WIDTH, HEIGHT = 64, 48
@@ -50,10 +51,38 @@ def test_every_lens_loads_and_undistorts(tiny: Path, model: str) -> None:
     points_cam = points @ frame.camera.R_cam_from_world.T + frame.camera.t_cam_from_world
     np.testing.assert_allclose(points_cam, points + np.array([0.1, 0, 0]))
     seen_px = np.asarray(camera.img_from_cam(points_cam))
-    lens = undistortion(camera)
+    lens = undistortion(Lens(model, WIDTH, HEIGHT, tuple(camera.params)))
     assert (frame.undistort is None) == (lens is None) == ("PINHOLE" in model)
     straight_px = lens.points(seen_px) if lens else seen_px
     np.testing.assert_allclose(straight_px, frame.camera.project(points)[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("number", "model"), list(enumerate(PARAMETERS)))
+def test_lenses_are_those_of_pycolmap(number: int, model: str) -> None:
+    """Names and numbers of models, parameters, what is a pinhole, other sizes and rays."""
+    camera = (
+        _camera(model) if model not in PANORAMAS else pycolmap.Camera(model=model, width=64, height=48, params=[64, 48])
+    )
+    assert sorted(PARAMETERS) == MODELS
+    assert pycolmap.CameraModelId.__members__[model] == pycolmap.CameraModelId(number)
+    assert ", ".join(PARAMETERS[model]).replace("w, h", "w,h") == camera.params_info
+    lens = Lens(model, WIDTH, HEIGHT, tuple(camera.params))
+    assert np.array_equal(lens.focal_px, camera.params[camera.focal_length_idxs()])
+    assert np.array_equal(lens.principal_px, camera.params[camera.principal_point_idxs()])
+    points_px = np.array([[3.0, 4.0], [40.0, 30.0]])
+    np.testing.assert_allclose(lens.rays(points_px), np.asarray(camera.cam_from_img(points_px)), rtol=1e-14)
+    if model not in PANORAMAS:
+        assert np.array_equal(lens.K, camera.calibration_matrix())
+    camera.rescale(160, 118)
+    assert lens.rescaled(160, 118) == Lens(model, 160, 118, tuple(camera.params))
+
+
+@pytest.mark.parametrize(("coefficient", "is_pinhole"), [(0.0, True), (1e-8, True), (-1.1e-8, False)])
+def test_a_pinhole_by_its_coefficients(coefficient: float, is_pinhole: bool) -> None:
+    params = [60.0, 62.0, 32.0, 24.0, 0.0, 0.0, 0.0, coefficient]
+    assert pycolmap.Camera(model="OPENCV", width=WIDTH, height=HEIGHT, params=params).is_undistorted() == is_pinhole
+    assert Lens("OPENCV", WIDTH, HEIGHT, tuple(params)).is_pinhole == is_pinhole
+    assert not Lens("OPENCV_FISHEYE", WIDTH, HEIGHT, tuple(params)).is_pinhole
 
 
 @pytest.mark.parametrize("model", sorted(PANORAMAS))
@@ -66,15 +95,17 @@ def test_a_panorama_is_a_clear_error(tiny: Path, model: str) -> None:
 @pytest.mark.parametrize("write", [_write_text, _write_binary])
 def test_rigs_of_several_cameras(tmp_path: Path, write: Write) -> None:
     made = _synthesized()
+    for number, camera in made.cameras.items():
+        camera.params = [1200.0 + number, *camera.params[1:]]
     write(made, tmp_path)
     read = {image.name: image for image in read_colmap(tmp_path, tmp_path).images}
     assert len(read) == 12
-    assert len({image.camera.camera_id for image in read.values()}) == 4
+    assert len({image.camera for image in read.values()}) == 4
     for image in made.images.values():
         found, expected = read[image.name], image.cam_from_world().matrix()
         np.testing.assert_allclose(found.R_cam_from_world, expected[:, :3], atol=1e-12)
         np.testing.assert_allclose(found.t_cam_from_world, expected[:, 3], atol=1e-12)
-        assert found.camera.model_name == image.camera.model_name
+        assert found.camera.model == image.camera.model_name
         np.testing.assert_allclose(found.camera.params, image.camera.params, rtol=1e-12)
 
 

@@ -40,7 +40,7 @@ def assert_whole(found: PosedImages, names: Lines) -> None:
         np.testing.assert_allclose(image.t_cam_from_world, [0.1 * i, 0.25, -3])
         turned = np.array([[0.28, 0, 0.96], [0, 1, 0], [-0.96, 0, 0.28]])
         np.testing.assert_allclose(image.R_cam_from_world, turned, atol=1e-15)
-        assert image.camera.params.tolist() == [60, 61, 32, 24]
+        assert list(image.camera.params) == [60, 61, 32, 24]
 
 
 @pytest.mark.parametrize(

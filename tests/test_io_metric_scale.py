@@ -233,7 +233,7 @@ def test_its_sigma_is_that_of_marks_good_to_a_pixel(
 
 def test_marks_are_pixels_of_the_distorted_image(room_scene: Scene, known: dict[str, Any], tmp_path: Path) -> None:
     lens = Undistortion("SIMPLE_RADIAL", 320, 240, (250.0, 160.0, 120.0, -0.1))
-    K = np.array(lens.target.calibration_matrix())
+    K = lens.target.K
     frames = tuple(
         replace(
             each, undistort=lens, camera=replace(each.camera, K=K, width=lens.target.width, height=lens.target.height)
@@ -247,7 +247,7 @@ def test_marks_are_pixels_of_the_distorted_image(room_scene: Scene, known: dict[
     for point in known["points"]:
         for name, px in point.items():
             ray = np.linalg.solve(K, [*px, 1.0])
-            point[name] = np.asarray(lens.source.img_from_cam(ray[None]))[0].tolist()
+            point[name] = np.asarray(lens.source.colmap.img_from_cam(ray[None]))[0].tolist()
     assert scale_from_distance(distorted, distance_file(tmp_path, known)).factor == pytest.approx(
         METRES_PER_UNIT, rel=1e-6
     )

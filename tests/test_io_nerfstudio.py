@@ -25,16 +25,16 @@ def test_intrinsics_and_distortion_of_a_frame_go_before_the_files(tiny: Path, ed
     own = {"fl_x": 70.0, "cx": 30.0, "k1": 0.01, "k2": -0.02, "p1": 0.001, "p2": 0.002}
     edit_json(tiny / "transforms.json", lambda d: [d.update(k1=0.5), d["frames"][1].update(own)])
     images = read_transforms(tiny, tiny / "transforms.json").images
-    assert images[0].camera.params.tolist() == [60, 60, 32, 24, 0.5, 0, 0, 0]
-    assert images[1].camera.params.tolist() == [70, 60, 30, 24, 0.01, -0.02, 0.001, 0.002]
+    assert list(images[0].camera.params) == [60, 60, 32, 24, 0.5, 0, 0, 0]
+    assert list(images[1].camera.params) == [70, 60, 30, 24, 0.01, -0.02, 0.001, 0.002]
 
 
 def test_fisheye_of_one_frame(tiny: Path, edit_json: Edit) -> None:
     own = {"camera_model": "OPENCV_FISHEYE", "k1": 0.01, "k2": 0.02, "k3": 0.03, "k4": 0.04}
     edit_json(tiny / "transforms.json", lambda d: d["frames"][1].update(own))
     images = read_transforms(tiny, tiny / "transforms.json").images
-    assert [image.camera.model_name for image in images[:2]] == ["OPENCV", "OPENCV_FISHEYE"]
-    assert images[1].camera.params.tolist() == [60, 60, 32, 24, 0.01, 0.02, 0.03, 0.04]
+    assert [image.camera.model for image in images[:2]] == ["OPENCV", "OPENCV_FISHEYE"]
+    assert list(images[1].camera.params) == [60, 60, 32, 24, 0.01, 0.02, 0.03, 0.04]
     assert load_scene(tiny).frames[1].undistort is not None
 
 

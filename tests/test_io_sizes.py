@@ -9,7 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 import pytest
 from camera_formats import FORMATS, cameras_in_general_position
 from scene_checks import assert_one_camera_skipped
@@ -18,6 +17,7 @@ from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.frames import build_frames
 from gtlayout.io.cameras.lenses import check_lens, doubt, lens, scaled
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.images import read_gray
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.sources import PosedImage
@@ -110,7 +110,7 @@ def test_a_scaled_lens_sees_the_same(model: str, params: list[float]) -> None:
     before = lens(model, (64, 48), params, "a lens")
     after = scaled(before, (160, 120), "a lens")
     points = np.array([[0.1, 0.2, 1.0], [-0.4, 0.3, 1.0]])
-    np.testing.assert_allclose(after.img_from_cam(points), 2.5 * np.asarray(before.img_from_cam(points)))
+    np.testing.assert_allclose(after.colmap.img_from_cam(points), 2.5 * np.asarray(before.colmap.img_from_cam(points)))
     assert (before.width, after.width, after.height) == (64, 160, 120)
     with pytest.raises(GtlayoutError, match="a lens is for images of 64x48 px, but this one is 160x118, another shape"):
         scaled(before, (160, 118), "a lens")
@@ -158,14 +158,14 @@ def test_a_principal_point_outside_of_the_image(centre: tuple[float, float]) -> 
 
 
 def test_a_panorama_has_no_principal_point() -> None:
-    panorama = pycolmap.Camera(model="EQUIRECTANGULAR", width=64, height=32, params=[64, 32])
+    panorama = Lens("EQUIRECTANGULAR", 64, 32, (64.0, 32.0))
     check_lens(panorama, "a lens")
     assert doubt(panorama) is None
 
 
 def posed(root: Path, number: int, **changes: object) -> PosedImage:
     path = root / f"images/{number:03d}.png"
-    camera = pycolmap.Camera(model="PINHOLE", width=64, height=48, params=[60, 60, 32, 24])
+    camera = Lens("PINHOLE", 64, 48, (60.0, 60.0, 32.0, 24.0))
     image = PosedImage(path.name, path, camera, np.eye(3), np.array([0.1 * number, 0, 0]))
     return replace(image, **changes)  # type: ignore[arg-type]
 
@@ -182,7 +182,7 @@ def test_the_same_camera_again_is_kept_once(tiny: Path) -> None:
     [
         {"t_cam_from_world": np.array([0.3, 0, 0])},
         {"R_cam_from_world": np.diag([1.0, -1, -1])},
-        {"camera": pycolmap.Camera(model="PINHOLE", width=64, height=48, params=[61, 60, 32, 24])},
+        {"camera": Lens("PINHOLE", 64, 48, (61.0, 60.0, 32.0, 24.0))},
     ],
 )
 def test_two_cameras_that_differ_cost_their_image(tiny: Path, change: dict[str, object]) -> None:
@@ -192,7 +192,7 @@ def test_two_cameras_that_differ_cost_their_image(tiny: Path, change: dict[str, 
 
 
 def test_a_lens_without_a_pinhole_costs_its_image(tiny: Path) -> None:
-    panorama = pycolmap.Camera(model="EQUIRECTANGULAR", width=64, height=48, params=[64, 48])
+    panorama = Lens("EQUIRECTANGULAR", 64, 48, (64.0, 48.0))
     frames, _, warnings = build_frames(tiny, [*(posed(tiny, i) for i in range(4)), posed(tiny, 4, camera=panorama)])
     assert len(frames) == 4
     assert_one_camera_skipped(warnings, "1 of 5 .*004.png: camera model EQUIRECTANGULAR cannot be undistorted")

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.undistort import Undistortion, undistortion
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.images import read_gray
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.scene import FloatArray
@@ -50,13 +50,13 @@ Distort = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
 def _lens(model: str, params: list[float]) -> Undistortion:
-    found = undistortion(pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=params))
+    found = undistortion(Lens(model, WIDTH, HEIGHT, tuple(params)))
     assert found is not None
     return found
 
 
 def _distorted_px(lens: Undistortion, pinhole_px: FloatArray, distort: Distort) -> FloatArray:
-    K = lens.target.calibration_matrix()
+    K = lens.target.K
     x, y = distort((pinhole_px[:, 0] - K[0, 2]) / K[0, 0], (pinhole_px[:, 1] - K[1, 2]) / K[1, 1])
     return np.column_stack([F * x + CX, F * y + CY])
 
@@ -97,12 +97,12 @@ def test_depth_is_never_mixed(model: str, params: list[float], distort: Distort)
 
 def test_pinholes_are_left_alone() -> None:
     for model, params in {"PINHOLE": [F, F, CX, CY], "OPENCV": [F, F, CX, CY, 0, 0, 0, 0]}.items():
-        assert undistortion(pycolmap.Camera(model=model, width=WIDTH, height=HEIGHT, params=params)) is None
+        assert undistortion(Lens(model, WIDTH, HEIGHT, tuple(params))) is None
 
 
 def test_panorama_is_a_known_problem() -> None:
     with pytest.raises(GtlayoutError, match="EQUIRECTANGULAR"):
-        undistortion(pycolmap.Camera(model="EQUIRECTANGULAR", width=200, height=100, params=[200, 100]))
+        undistortion(Lens("EQUIRECTANGULAR", 200, 100, (200.0, 100.0)))
 
 
 @pytest.mark.parametrize("k1", [-0.1, 0.1])

@@ -59,7 +59,7 @@ def annotate_video(scene: Path, number: int, size: tuple[int, int], points: Floa
 
 def test_a_drawing_on_the_video_moves_through_its_lens(tiny: Path, edit_json: Edit) -> None:
     width, height = int(LENS.target.width), int(LENS.target.height)
-    K = LENS.target.calibration_matrix()
+    K = LENS.target.K
     # The tiny scene's images as if they had been undistorted to this camera.
     for path in sorted((tiny / "images").iterdir()):
         cv2.imwrite(str(path), np.zeros((height, width, 3), dtype=np.uint8))
@@ -134,7 +134,7 @@ def test_what_is_written_again_remembers_the_video(tiny: Path, tmp_path: Path, e
 def test_lenses_removed_one_after_the_other_are_all_remembered(tiny: Path, tmp_path: Path, edit_json: Edit) -> None:
     lens = {"model": "SIMPLE_RADIAL", "width": 64, "height": 48, "params": [60.0, 32.0, 24.0, 0.1]}
     of_video = record(lenses=[lens])
-    width, height = (int(x) for x in Undistortion(*_lens(lens)).target.calibration_matrix()[:2, 2] * 2)
+    width, height = (int(x) for x in Undistortion(*_lens(lens)).target.K[:2, 2] * 2)
     for frame in of_video["frames"]:
         frame["lenses"] = [0]
         cv2.imwrite(str(tiny / "images" / frame["image"]), np.zeros((height, width, 3), dtype=np.uint8))

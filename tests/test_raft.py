@@ -45,7 +45,7 @@ def test_the_command_line_hands_the_weights_on(
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     weights = str(tmp_path / "weights.pth")
-    assert main(["solve", str(room), "--out", str(tmp_path / "out"), "--raft-weights", weights]) == 1
+    assert main(["solve", str(room), "--out", str(tmp_path / "out"), "--raft-weights", weights]) == 2
     assert "pip install 'gtlayout[raft]'" in " ".join(capfd.readouterr().err.split())
 
 

@@ -89,8 +89,8 @@ def test_is_fisheye(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A corner ray is 22° from where a perspective lens would put it."""
     root = folder("is_fisheye", tmp_path)
     camera = read_cameras(root)[1].images[0].camera
-    assert camera.model_name == "OPENCV_FISHEYE"
-    x, y = camera.cam_from_img(np.array([0.0, 0.0]))
+    assert camera.model == "OPENCV_FISHEYE"
+    x, y = camera.rays(np.array([[0.0, 0.0]]))[0]
     perspective_deg = np.rad2deg(np.arctan(np.hypot(160, 120) / 250))
     assert np.rad2deg(np.arctan(np.hypot(x, y))) > perspective_deg + 4
     assert run(capsys, "import", root, tmp_path / "out")[0] == 0

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 import rooms
 import shapely
+from room_dimensions import room_dimensions
 from solved_rooms import CENTER, WIDE, solved
 
 from gtlayout.config import Config
-from gtlayout.dimensions.facing import room_dimensions
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane, Support
 from gtlayout.layout import Layout

@@ -47,6 +47,15 @@ def test_small_scenes_end_to_end(
     assert scene["estimation"] <= scene["solve"]
     assert scene["estimation_share"] == pytest.approx(scene["estimation"] / scene["solve"])
     assert min(scene["start"], scene["graph"]) > 0
+    stages = {name: _values(row) for name, row in read_rows(out / "stages.json").items()}
+    assert list(stages) == ["rooms/box, elapsed", "rooms/box, CPU"]
+    for taken in stages.values():
+        parts = [value for name, value in taken.items() if name not in ("all", "floor", "times_the_floor")]
+        assert {"import", "reading", "tracking", "estimation", "review", "saving"} < set(taken)
+        assert taken["all"] == pytest.approx(sum(parts))
+        assert taken["times_the_floor"] == pytest.approx(taken["all"] / taken["floor"])
+    # Import, files and estimation are not following: the floor is far below.
+    assert 0 < stages["rooms/box, CPU"]["floor"] < stages["rooms/box, CPU"]["tracking"]
     ((name, row),) = read_rows(out / "paper.json").items()
     paper = _values(row)
     only_what_was_run = {"gtlayout", "paper, R = 1", "ratio, R = 1", "paper, R = 2", "ratio, R = 2"}

@@ -20,6 +20,7 @@ from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.klt import PairTracker
 from gtlayout.tracking.sampling import sample_points, texture_sigma_px
+from gtlayout.tracking.sobol import sobol_points
 from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks
 from simulated.simulated_room import as_multi
@@ -275,8 +276,11 @@ def test_a_wall_without_texture_gives_no_tracks_and_no_crash(tmp_path: Path) -> 
     assert found.points_px.shape == (0, 2)
 
 
-def sampler() -> qmc.Sobol:
-    return qmc.Sobol(d=2, seed=0)
+@pytest.mark.parametrize("seed", [0, 7])
+@pytest.mark.parametrize("count", [1, 3, 64, 1000])
+def test_sobol_points_are_those_of_scipy(count: int, seed: int) -> None:
+    of_scipy = qmc.Sobol(d=2, seed=seed).random(1 << (count - 1).bit_length())[:count]
+    assert np.array_equal(sobol_points(count, seed), of_scipy)
 
 
 def element(visible: BaseGeometry, amodal: BaseGeometry = shapely.box(0, 0, WIDTH, HEIGHT)) -> Element:  # noqa: B008
@@ -287,7 +291,7 @@ def test_points_spread_over_the_whole_region_and_stay_well_inside() -> None:
     image = render(camera_at([0, 0, 0]), texture())
     region = shapely.Polygon([(20, 20), (300, 20), (300, 90), (110, 90), (110, 220), (20, 220)])
     config = replace(CONFIG, corners_per_cell=1)
-    points_px = sample_points(image, element(region), config, sampler())
+    points_px = sample_points(image, element(region), config, seed=0)
     # Points are pixel centres, the region is rasterised by pixel centres too.
     assert shapely.contains_xy(region.buffer(-config.border_px + 1e-6), points_px[:, 0], points_px[:, 1]).all()
     wanted = region.buffer(-config.border_px).area / config.spacing_px**2
@@ -297,7 +301,7 @@ def test_points_spread_over_the_whole_region_and_stay_well_inside() -> None:
     inside = shapely.contains_xy(region, x, y)
     away = np.linalg.norm(np.column_stack([x[inside], y[inside]])[:, None] - points_px[None], axis=2).min(axis=1)
     assert away.max() < 2 * config.spacing_px
-    more = sample_points(image, element(region), CONFIG, sampler())
+    more = sample_points(image, element(region), CONFIG, seed=0)
     assert 2 * len(points_px) < len(more) <= 8 * 1.5 * wanted
     apart = np.linalg.norm(more[:, None] - more[None], axis=2)[np.triu_indices(len(more), 1)]
     assert apart.min() >= CONFIG.corner_distance_px
@@ -307,7 +311,7 @@ def test_a_large_surface_gets_no_more_points_than_are_used() -> None:
     image = render(camera_at([0, 0, 0]), texture())
     region = shapely.box(10, 10, 310, 230)
     config = replace(CONFIG, corners_per_cell=1, max_cells=12)
-    points_px = sample_points(image, element(region), config, sampler())
+    points_px = sample_points(image, element(region), config, seed=0)
     assert 6 <= len(points_px) <= 12 < region.area / CONFIG.spacing_px**2 / 4
     quadrants = {(x > 160, y > 120) for x, y in points_px}
     assert len(quadrants) == 4
@@ -316,18 +320,18 @@ def test_a_large_surface_gets_no_more_points_than_are_used() -> None:
 def test_without_visible_parts_the_eroded_amodal_polygon_is_sampled() -> None:
     image = render(camera_at([0, 0, 0]), texture())
     amodal = shapely.box(40, 40, 200, 200)
-    points_px = sample_points(image, element(MultiPolygon(), amodal), CONFIG, sampler())
+    points_px = sample_points(image, element(MultiPolygon(), amodal), CONFIG, seed=0)
     assert len(points_px) > 10
     inner = amodal.buffer(-CONFIG.spacing_px / 2 + 1e-6)
     assert shapely.contains_xy(inner, points_px[:, 0], points_px[:, 1]).all()
     sliver = element(MultiPolygon(), shapely.box(40, 40, 60, 200))
-    assert sample_points(image, sliver, CONFIG, sampler()).shape == (0, 2)
+    assert sample_points(image, sliver, CONFIG, seed=0).shape == (0, 2)
 
 
 def test_weak_texture_is_matched_less_well() -> None:
     strong = render(camera_at([0, 0, 0]), texture())
     weak = (128 + (strong.astype(np.float64) - 128) / 20).astype(np.uint8)
-    points_px = sample_points(strong, element(SEEN), CONFIG, sampler())
+    points_px = sample_points(strong, element(SEEN), CONFIG, seed=0)
     assert np.all(texture_sigma_px(strong, points_px, CONFIG) < 1.5 * CONFIG.sigma_px)
     assert np.all(texture_sigma_px(weak, points_px, CONFIG) > texture_sigma_px(strong, points_px, CONFIG))
 

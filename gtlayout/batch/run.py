@@ -23,7 +23,8 @@ from gtlayout.batch.job import Job, Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.record import Record, scene_folder
 from gtlayout.batch.results import CannotWriteError, finished, new_work_folder, publish
-from gtlayout.batch.run_folder import recorded, write_run, write_tables
+from gtlayout.batch.run_folder import recorded, write_run
+from gtlayout.batch.run_tables import write_tables
 from gtlayout.batch.worker import Outcome, Solvers, work_on
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError

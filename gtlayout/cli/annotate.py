@@ -8,8 +8,11 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.annotate.serve import annotate as serve
 from gtlayout.cli.console import stdout
+from gtlayout.extras import needs
+
+with needs("annotate", "gtlayout annotate"):
+    from gtlayout.annotate.serve import annotate as serve
 
 
 def annotate(

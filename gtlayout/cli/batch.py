@@ -10,14 +10,17 @@ from typing import Annotated, get_args
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.batch.cluster import existing_cluster, local_cluster
 from gtlayout.batch.job import Settings
 from gtlayout.batch.progress import RunProgress
-from gtlayout.batch.run import run_batch
 from gtlayout.batch.run_folder import check_free
 from gtlayout.batch.scenes import find_scenes
 from gtlayout.cli.console import NotNegative, Positive, stdout
+from gtlayout.extras import needs
 from gtlayout.quality.headline import Word
+
+with needs("batch", "gtlayout batch"):
+    from gtlayout.batch.cluster import existing_cluster, local_cluster
+    from gtlayout.batch.run import run_batch
 
 SOME_FAILED = 3
 """Exit status when not all scenes have a layout."""

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 from gtlayout.observer import Observer
 
 if TYPE_CHECKING:
@@ -55,6 +56,9 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
     try:
         status = app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
     except CycloptsError:
+        return 2
+    except MissingExtraError as error:
+        print(f"{name}: {error}", file=sys.stderr)
         return 2
     except GtlayoutError as error:
         print(f"{name}: {error}", file=sys.stderr)

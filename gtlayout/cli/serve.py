@@ -9,8 +9,11 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gtlayout.cli.console import FROM_THE_FOLDER, Sources, stdout
-from gtlayout.guard import LOOPBACK
-from gtlayout.serve.server import PORT, serve_label_studio
+from gtlayout.extras import needs
+
+with needs("annotate", "gtlayout serve"):
+    from gtlayout.guard import LOOPBACK
+    from gtlayout.serve.server import PORT, serve_label_studio
 
 
 def serve(

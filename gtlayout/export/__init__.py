@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
-from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
 
@@ -37,13 +37,13 @@ class Exporter:
         return Path(self.file_name).suffix
 
     def load(self) -> Writer:
-        """The function that writes the format. Raises GtlayoutError when what it needs is not installed."""
+        """The function that writes the format. Raises MissingExtraError when what it needs is not installed."""
         try:
             writer: Writer = import_module(self.module).write
         except ModuleNotFoundError as error:
             if self.needs is None:
                 raise
-            raise GtlayoutError(f"{error.name} is not installed: pip install 'gtlayout[{self.needs}]'") from error
+            raise MissingExtraError(f"{error.name} is not installed: pip install 'gtlayout[{self.needs}]'") from error
         return writer
 
 
@@ -54,7 +54,7 @@ EXPORTERS: dict[Format, Exporter] = {
     "cad-estate": Exporter("cad_estate", "gtlayout.export.cad_estate"),
     "svg": Exporter("floor_plan.svg", "gtlayout.export.svg"),
     "pdf": Exporter("floor_plan.pdf", "gtlayout.export.pdf"),
-    "dxf": Exporter("floor_plan.dxf", "gtlayout.export.dxf"),
+    "dxf": Exporter("floor_plan.dxf", "gtlayout.export.dxf", needs="dxf"),
     "ifc": Exporter("layout.ifc", "gtlayout.export.ifc", needs="ifc"),
     "usd": Exporter("layout.usda", "gtlayout.export.usd", needs="usd"),
     "scenescript": Exporter("scene_language.txt", "gtlayout.export.scenescript"),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.export import unit
@@ -21,6 +20,8 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 def glb_bytes(layout: Layout) -> bytes:
     """GLB with one named node and material per instance, y up: rotated so that the floor (or the ceiling) is level."""
+    import trimesh
+
     mesh = layout.triangles
     turn = y_up(layout)
     scene = trimesh.Scene()
@@ -56,9 +57,11 @@ def glb_bytes(layout: Layout) -> bytes:
 
 def y_up(layout: Layout) -> FloatArray:
     """(3, 3) rotation that turns the floor's normal to +y; without a floor the ceiling's to −y; without either none."""
+    from trimesh.geometry import align_vectors
+
     for label, sign in (("floor", 1.0), ("ceiling", -1.0)):
         for instance, plane in zip(layout.instances, layout.planes, strict=True):
             if instance.label == label and plane.observable:
-                rotation: FloatArray = trimesh.geometry.align_vectors(plane.normal, [0.0, sign, 0.0])[:3, :3]
+                rotation: FloatArray = align_vectors(plane.normal, [0.0, sign, 0.0])[:3, :3]
                 return rotation
     return np.eye(3)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import trimesh
-
 from gtlayout.export import unit
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout, as_trimesh
@@ -19,7 +17,9 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 def ply_bytes(layout: Layout) -> bytes:
     """The mesh as binary PLY."""
-    content = bytes(trimesh.exchange.ply.export_ply(as_trimesh(layout), encoding="binary"))
+    from trimesh.exchange.ply import export_ply
+
+    content = bytes(export_ply(as_trimesh(layout), encoding="binary"))
     # Comments stand after the line that names the format (Turk, The PLY Polygon File Format); trimesh writes none.
     magic, format_line, rest = content.split(b"\n", 2)
     return b"\n".join([magic, format_line, f"comment unit: {unit(layout.metric)}".encode(), rest])

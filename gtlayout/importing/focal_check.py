@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pycolmap
 
 from gtlayout.importing.mapping import FREE, STRAIGHT, largest, map_images
+
+if TYPE_CHECKING:
+    import pycolmap
 
 MUCH_BETTER = 0.5
 """A lens without distortion is taken when halves disagree by less than this share of what they do with distortion …"""

@@ -5,8 +5,7 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-import pycolmap
+from typing import TYPE_CHECKING
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.frame_extraction import extract_frames
@@ -26,6 +25,9 @@ from gtlayout.io.video_record import write_video_record
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.observer import Observer
 from gtlayout.scene import Frame, Scene, scaled
+
+if TYPE_CHECKING:
+    import pycolmap
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.overlap import at_inverse_depth, image_motion, share_seen
 from gtlayout.importing.frame_extraction import sharpness
 from gtlayout.io.pixels.images import read_bgr
 from gtlayout.scene import FloatArray, Frame, Scene
+
+if TYPE_CHECKING:
+    import pycolmap
 
 COUNT, MOST = 8, 12
 """So many, as the real clips have; more where neighbours would overlap too little."""

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pycolmap
+
+from gtlayout.extras import needs
+
+with needs("colmap", "structure from motion"):
+    import pycolmap
 
 SEED = 0
 MIN_IMAGES = 3

@@ -6,16 +6,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import path_inside
 from gtlayout.io.pixels.images import MM_PER_UNIT, SATURATED, decode
 from gtlayout.scene import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    import pycolmap
 
 MIN_POINTS = 30
 """Least number of points with a measured depth."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import needs
 from gtlayout.importing.colmap_images import for_colmap
 from gtlayout.importing.focal_check import checked_models
 from gtlayout.importing.mapping import MIN_IMAGES, SEED, Lens, focal_length, largest, map_images
@@ -20,6 +20,9 @@ from gtlayout.io.files import write_atomic
 from gtlayout.io.pixels.images import size_of_first
 from gtlayout.observer import Observer
 from gtlayout.scene import FloatArray
+
+with needs("colmap", "structure from motion"):
+    import pycolmap
 
 NO_FOCAL_SIGMA = 0.1
 """As a share: a model with a larger σ of the focal length is not used."""

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from gtlayout.figures import short
 from gtlayout.io.image_names import FilesOnDisk
+from gtlayout.io.lens import Lens
 from gtlayout.io.sources import PosedImage, on_disk
 from gtlayout.scene import FloatArray
 
@@ -59,11 +59,11 @@ def contradiction(one: Sequence[PosedImage], other: Sequence[PosedImage]) -> str
     return None
 
 
-def _ray_difference(one: pycolmap.Camera, other: pycolmap.Camera) -> float:
+def _ray_difference(one: Lens, other: Lens) -> float:
     """Largest distance between the rays of a pixel, as a share of the focal length; images may differ in size."""
     share = (np.arange(GRID) + 0.5) / GRID
     grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-    a, b = (np.asarray(camera.cam_from_img(grid * (camera.width, camera.height))) for camera in (one, other))
+    a, b = (camera.rays(grid * (camera.width, camera.height)) for camera in (one, other))
     apart = np.linalg.norm(a - b, axis=1)
     return float(np.nanmax(apart)) if np.isfinite(apart).any() else np.inf
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
-import pycolmap
-
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 from gtlayout.io.image_names import FilesOnDisk
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.scene import FloatArray, VideoFrame
 
@@ -29,7 +29,7 @@ class PosedImage:
     """Relative to the image folder, with forward slashes."""
     image_path: Path
     """Where the image should be; it may be missing, and is where ``video`` is given."""
-    camera: pycolmap.Camera
+    camera: Lens
     """Lens model of the image file: any of COLMAP's, pixel centres at +0.5."""
     R_cam_from_world: FloatArray
     """(3, 3) rotation."""
@@ -162,12 +162,14 @@ def on_disk(images: Sequence[PosedImage], files: FilesOnDisk) -> list[PosedImage
 def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple[str, ...]]:
     """Cameras as ``read`` makes them of ``entries``, and a warning that counts those it raised GtlayoutError for.
 
-    Raises the first of these errors when nothing is left.
+    Raises the first of these errors when nothing is left, and at once where a package is missing.
     """
     found, problems = [], []
     for entry in entries:
         try:
             found.append(read(entry))
+        except MissingExtraError:
+            raise
         except GtlayoutError as error:
             problems.append(error)
     if problems and not found:

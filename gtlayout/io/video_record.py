@@ -10,14 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-import pycolmap
-
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import MAX_SIDE_PX, check_lens, finite
 from gtlayout.io.cameras.undistort import Undistortion, undistortion
 from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.files import printable, read_json, write_json_atomic
 from gtlayout.io.json_schema import Shape
+from gtlayout.io.lens import PARAMETERS, Lens
 from gtlayout.io.pixels.turn import AS_STORED, TURNS
 from gtlayout.io.pixels.video import MAX_FRAMES, Video
 from gtlayout.scene import Frame, VideoOrigin
@@ -199,11 +198,11 @@ def _lens(value: Any, where: str) -> Undistortion:
     if not isinstance(params, list) or any(finite(each) is None for each in params):
         raise GtlayoutError(f"{where}: params must be finite numbers")
     width, height = (_whole(value.get(key), 2, MAX_SIDE_PX, f"{where}: {key}") for key in ("width", "height"))
-    if value["model"] not in pycolmap.CameraModelId.__members__ or value["model"] == "INVALID":
+    if value["model"] not in PARAMETERS:
         raise GtlayoutError(f"{where}: {printable(value['model'])} is no camera model of COLMAP")
-    camera = pycolmap.Camera(model=value["model"], width=width, height=height, params=params)
-    if not camera.verify_params():
+    if len(params) != len(PARAMETERS[value["model"]]):
         raise GtlayoutError(f"{where}: {value['model']} does not have {len(params)} params")
+    camera = Lens(value["model"], width, height, tuple(map(float, params)))
     check_lens(camera, where)
     found = undistortion(camera)
     if found is None:

@@ -14,7 +14,7 @@ from gtlayout.quality.assess import assess
 from gtlayout.quality.config import QualityConfig
 from gtlayout.report.data import report_data
 from gtlayout.report.frames import photo
-from gtlayout.report.page import page
+from gtlayout.report.page import environment, page
 from gtlayout.results.evidence import evidence_of
 from gtlayout.results.evidence_file import read_evidence
 from gtlayout.results.layout_files import package_versions, read_solved
@@ -47,9 +47,11 @@ def write_report(
     """Write the page of the layout in ``folder`` to ``out``; ``cameras`` and ``annotations`` as for ``load_scene``.
 
     Raises:
+        MissingExtraError: Jinja2 or plotly is not installed.
         GtlayoutError: the scene or its results cannot be read, or the disk does not take the page. A key frame's image
             that cannot be read only leaves its place in the page empty.
     """
+    environment()  # What it needs is missed before the work, not after it.
     scene, layout = read_solved(load_scene(scene_dir, annotations, cameras=cameras), folder)
     records = read_records(folder)
     quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())

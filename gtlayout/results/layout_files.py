@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, get_args
 
@@ -100,7 +101,11 @@ def write_results(
 @cache
 def package_versions() -> dict[str, str]:
     """The versions of gtlayout, Python and the packages that decide a result."""
-    return {"gtlayout": __version__, "python": platform.python_version()} | {p: version(p) for p in _PACKAGES}
+    found = {"gtlayout": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        with suppress(PackageNotFoundError):  # pycolmap is an extra.
+            found[package] = version(package)
+    return found
 
 
 def read_solved(scene: Scene, out_dir: Path) -> tuple[Scene, Layout]:

@@ -34,7 +34,7 @@ def with_refined_cameras(scene: Scene, folder: Path) -> Scene:
             raise GtlayoutError(f"{path} has no camera for {frame.name}; solve the scene again")
         camera = replace(
             frame.camera,
-            K=pose.camera.calibration_matrix(),
+            K=pose.camera.K,
             R_cam_from_world=pose.R_cam_from_world,
             t_cam_from_world=pose.t_cam_from_world,
         )

@@ -58,7 +58,8 @@ class Segments:
         # Products of all segments with all points take most of the time: single precision narrows them down.
         points = points_px.astype(np.float32)
         distance = np.column_stack([-y, x]).astype(np.float32) @ points.T - _column(x * start_y - y * start_x)
-        segment, point = np.nonzero(np.abs(distance) < tolerance_px + _SINGLE_PX)
+        candidate = np.flatnonzero(np.abs(distance, out=distance) < tolerance_px + _SINGLE_PX)
+        segment, point = np.divmod(candidate, len(points))
         offset = points_px[point] - self.start_px[segment]
         aside = x[segment] * offset[:, 1] - y[segment] * offset[:, 0]
         forward = np.sum(self.along[segment] * offset, axis=1)

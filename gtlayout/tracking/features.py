@@ -15,6 +15,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.images import read_gray
 from gtlayout.memory import Memory
 from gtlayout.scene import FloatArray, Frame, ImageArray, IntArray, Scene
+from gtlayout.threads import in_threads
 from gtlayout.tracking.config import FeatureConfig
 
 _DESCRIPTOR = 128
@@ -73,10 +74,16 @@ class VideoFeatures:
         extractor = extractor or SiftExtractor(config.contrast, config.max_side_px, config.sigma_px)
         spread = np.linspace(0, len(scene.frames) - 1, config.spread_frames).round().astype(np.int64)
         frames = np.union1d([key_frame.frame for key_frame in scene.key_frames], spread).astype(np.int64)
+        wanted = [scene.frames[f] for f in frames]
+
+        def found_in(frame: Frame) -> Features | None:
+            return memory.of("features", (frame.name, frame.image_path, config), partial(_of, frame, extractor))
+
         of_frame, unreadable = {}, []
-        for f in frames.tolist():
-            frame = scene.frames[f]
-            found = memory.of("features", (frame.name, frame.image_path, config), partial(_of, frame, extractor))
+        # A video gives its frames in one order only; and who knows what another extractor bears.
+        alone = any(frame.video is not None for frame in wanted) or not isinstance(extractor, SiftExtractor)
+        each = in_threads(found_in, wanted, alone=alone)
+        for f, frame, found in zip(frames.tolist(), wanted, each, strict=True):
             if found is None:
                 unreadable.append(frame.name)
             else:

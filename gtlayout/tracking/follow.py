@@ -9,7 +9,7 @@ import numpy as np
 
 from gtlayout.scene import BoolArray, Camera, FloatArray, ImageArray, IntArray, Scene
 from gtlayout.tracking.config import TrackingConfig
-from gtlayout.tracking.image_cache import ImageCache
+from gtlayout.tracking.image_cache import Images
 from gtlayout.tracking.klt import PairTracker, lucas_kanade
 
 _REMAP_ROWS = 1 << 14
@@ -24,7 +24,7 @@ def infinite_homography(source: Camera, target: Camera) -> FloatArray:
 
 def follow(
     scene: Scene,
-    images: ImageCache,
+    images: Images,
     k: int,
     start_px: FloatArray,
     direction: int,
@@ -53,12 +53,12 @@ def follow(
         parallax = depths.project(alive, next_camera) - _apply(turn, depths.project(alive, camera))
         moved, ok = tracker(_warp(image, turn, next_camera), next_image, source_px, source_px + parallax)
         key_turn = infinite_homography(key_camera, next_camera)
-        anchor_px = _apply(key_turn, start_px[alive])
+        anchor_px = _apply(key_turn, start_px[alive])[ok]
         anchored, anchor_ok = _match_key_patch(
-            _warp(key_image, key_turn, next_camera), next_image, anchor_px, moved, config
+            _warp(key_image, key_turn, next_camera), next_image, anchor_px, moved[ok], config
         )
-        ok &= anchor_ok & _inside(anchored, next_camera, config.border_px)
-        alive, position = alive[ok], anchored[ok]
+        kept = anchor_ok & _inside(anchored, next_camera, config.border_px)
+        alive, position = alive[ok][kept], anchored[kept]
         depths.add(alive, next_camera, position)
         camera, image = next_camera, next_image
         yield alive, np.full(len(alive), frame), position

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from gtlayout.memory import Memory
 from gtlayout.scene import BoolArray, FloatArray, Frame, IntArray, Scene
+from gtlayout.threads import in_threads
 from gtlayout.tracking.config import ImageMatchConfig
 from gtlayout.tracking.features import Features, VideoFeatures
 from gtlayout.tracking.tracks import Tracks, joined
@@ -69,7 +70,15 @@ def match_images(
         f: _Image.of(features.only(_spread(features, _size(scene, f), config.max_features)))
         for f, features in found.of_frame.items()
     }
-    pairs: dict[tuple[int, int], tuple[IntArray, IntArray]] = {}
+    keys = [key_frame.frame for key_frame in scene.key_frames if key_frame.frame in images]
+    wanted = sorted({(min(key, f), max(key, f)) for key in keys for f in found.nearest(key, config.max_frames)})
+
+    def matched(pair: tuple[int, int]) -> tuple[IntArray, IntArray]:
+        first, second = (images[f] for f in pair)
+        stamps = [_stamp(scene.frames[f], images[f].features) for f in pair]
+        return memory.of("matches", (stamps, config), partial(_matched, first, second, config))
+
+    pairs = dict(zip(wanted, in_threads(matched, wanted), strict=True))
     key_frame, observed, sigma = [], [], []
     for k, key in enumerate(key_frame.frame for key_frame in scene.key_frames):
         if key not in images:
@@ -77,15 +86,8 @@ def match_images(
         own = images[key].features
         seen: dict[int, list[tuple[int, FloatArray]]] = defaultdict(list)
         for f in found.nearest(key, config.max_frames):
-            first, second = min(key, f), max(key, f)
-            if (first, second) not in pairs:
-                pairs[first, second] = memory.of(
-                    "matches",
-                    ([_stamp(scene.frames[g], images[g].features) for g in (first, second)], config),
-                    partial(_matched, images[first], images[second], config),
-                )
-            of_first, of_second = pairs[first, second]
-            mine, theirs = (of_first, of_second) if key == first else (of_second, of_first)
+            of_first, of_second = pairs[min(key, f), max(key, f)]
+            mine, theirs = (of_first, of_second) if key < f else (of_second, of_first)
             for row, point_px in zip(mine.tolist(), images[f].features.points_px[theirs], strict=True):
                 seen[row].append((f, point_px))
         for row in _longest(own, seen, _size(scene, key), config.max_tracks):
@@ -170,14 +172,16 @@ def _matched(first: _Image, second: _Image, config: ImageMatchConfig) -> tuple[I
 
 def _most_alike(a: _Image, b: _Image, max_ratio: float) -> tuple[IntArray, IntArray]:
     """(n,) features of one image and (n,) of another of which each is the most alike to the other, clearly so."""
-    squared = a.squared[:, None] + b.squared - 2 * (a.steps @ b.steps.T)
-    every = np.arange(len(squared))
-    partner = np.argmin(squared, axis=1)
-    least = squared[every, partner]
-    squared[every, partner] = np.inf
-    rows = np.flatnonzero(least < max_ratio**2 * squared.min(axis=1))
-    squared[every, partner] = least
-    mutual = np.argmin(squared[:, partner[rows]], axis=0) == rows
+    # All are whole numbers below 2²⁴: exact, in whatever order they are added. A row's own |a|² changes no comparison.
+    aside = b.squared - 2 * (a.steps @ b.steps.T)
+    every = np.arange(len(aside))
+    partner = np.argmin(aside, axis=1)
+    least = a.squared + aside[every, partner]
+    aside[every, partner] = np.inf
+    rows = np.flatnonzero(least < max_ratio**2 * (a.squared + aside.min(axis=1)))
+    # Products with the few that are left are cheaper than columns of all products, which lie far apart in memory.
+    back = np.argmin(a.squared - 2 * (b.steps[partner[rows]] @ a.steps.T), axis=1)
+    mutual = back == rows
     return rows[mutual], partner[rows[mutual]]
 
 

@@ -41,9 +41,10 @@ class KltTracker:
     ) -> tuple[FloatArray, BoolArray]:
         """See ``PairTracker``."""
         moved, found = lucas_kanade(source, target, points_px, guess_px, self.window_px, self.levels)
-        back, found_back = lucas_kanade(target, source, moved, points_px, self.window_px, self.levels)
-        close = np.linalg.norm(back - points_px, axis=1) < self.max_forward_backward_px
-        return moved, found & found_back & close
+        back, found_back = lucas_kanade(target, source, moved[found], points_px[found], self.window_px, self.levels)
+        close = np.linalg.norm(back - points_px[found], axis=1) < self.max_forward_backward_px
+        found[found] = found_back & close
+        return moved, found
 
 
 def lucas_kanade(

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 from gtlayout.scene import BoolArray, FloatArray, ImageArray
 
 _MULTIPLE = 8
@@ -92,7 +93,7 @@ def _torch() -> tuple[Any, Any]:
         import torch
         from torchvision.models.optical_flow import raft_small
     except ImportError as error:
-        raise GtlayoutError("RAFT needs PyTorch and torchvision: pip install 'gtlayout[raft]'") from error
+        raise MissingExtraError("RAFT needs PyTorch and torchvision: pip install 'gtlayout[raft]'") from error
     except RuntimeError as error:
         raise GtlayoutError(f"these versions of PyTorch and torchvision do not fit each other: {error}") from error
     return torch, raft_small

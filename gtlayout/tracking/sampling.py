@@ -5,13 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import qmc
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.raster import fill, rings_of
 from gtlayout.scene import Element, FloatArray, ImageArray
 from gtlayout.tracking.config import TrackingConfig
+from gtlayout.tracking.sobol import sobol_points
 
 
 def sampled_region(element: Element, config: TrackingConfig) -> BaseGeometry:
@@ -23,10 +23,10 @@ def sampled_region(element: Element, config: TrackingConfig) -> BaseGeometry:
     return element.amodal.buffer(-config.spacing_px / 2) if region.is_empty else region
 
 
-def sample_points(image: ImageArray, element: Element, config: TrackingConfig, sampler: qmc.Sobol) -> FloatArray:
+def sample_points(image: ImageArray, element: Element, config: TrackingConfig, seed: int) -> FloatArray:
     """(N, 2) corners spread over the ``sampled_region`` of an element by a Sobol sequence (paper 3.2).
 
-    A cell round each of area / spacing² Sobol points gives its best corners.
+    A cell round each of area / spacing² Sobol points gives its best corners. Deterministic in ``seed``.
     """
     height, width = image.shape
     region = sampled_region(element, config)
@@ -46,10 +46,9 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     corners_px = corners.reshape(-1, 2).astype(np.float64) + 0.5
     wanted = min(max(1, round(region.area / config.spacing_px**2)), config.max_cells)
     left, top, right, bottom = region.bounds
-    sampler.reset()
     # Sobol points fill the bounding box; those inside the region are its even cover.
     total = min(max(1, round(wanted * (right - left) * (bottom - top) / region.area)), 1 << 16)
-    unit = sampler.random(1 << (total - 1).bit_length())[:total]
+    unit = sobol_points(total, seed)
     seeds = np.array([left, top]) + unit * np.array([right - left, bottom - top])
     inside = mask[np.clip(seeds[:, 1].astype(int), 0, height - 1), np.clip(seeds[:, 0].astype(int), 0, width - 1)]
     seeds = seeds[inside] if inside.any() else corners_px[:1]

@@ -8,14 +8,14 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import qmc
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.memory import Memory
 from gtlayout.scene import FloatArray, Frame, IntArray, Scene
+from gtlayout.threads import in_threads
 from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.follow import follow
-from gtlayout.tracking.image_cache import ImageCache
+from gtlayout.tracking.image_cache import ImageCache, Images
 from gtlayout.tracking.klt import KltTracker, PairTracker
 from gtlayout.tracking.raft import RaftTracker
 from gtlayout.tracking.sampling import sample_points, sampled_region, texture_sigma_px
@@ -44,21 +44,26 @@ def track(
     scene.require_elements()
     tracker, memory = tracker or _tracker(config), memory or Memory()
     images = ImageCache(scene, config.max_frames)
-    sampler = qmc.Sobol(d=2, seed=seed)
-    parts = []
-    for k, key_frame in enumerate(scene.key_frames):
-        progress(k, len(scene.key_frames))
+
+    def followed(k: int) -> _Followed:
+        key_frame = scene.key_frames[k]
         regions = tuple(sampled_region(element, config) for element in key_frame.elements)
         reach = range(max(0, key_frame.frame - config.max_frames), key_frame.frame + config.max_frames + 1)
         seen = tuple((f, frame.name, frame.image_path, frame.camera) for f, frame in _some(scene.frames, reach))
-        parts.append(
-            memory.of(
+        with images.near(key_frame.frame) as near:
+            return memory.of(
                 "tracks of a key frame",
                 (key_frame.frame, regions, seen, config, seed),
-                partial(_of_key_frame, scene, images, k, config, sampler, tracker),
+                partial(_of_key_frame, scene, near, k, config, seed, tracker),
             )
-        )
-    progress(len(scene.key_frames), len(scene.key_frames))
+
+    numbers = range(len(scene.key_frames))
+    progress(0, len(numbers))
+    parts = []
+    # RAFT fills its device alone, and a video gives its frames in one order only.
+    for part in in_threads(followed, numbers, alone=not isinstance(tracker, KltTracker) or _of_video(scene)):
+        parts.append(part)
+        progress(len(parts), len(numbers))
     first_of = np.cumsum([0, *(len(part.element) for part in parts)])
     return Tracks(
         key_frame=np.repeat(np.arange(len(parts)), [len(part.element) for part in parts]),
@@ -90,26 +95,28 @@ class _Followed:
     """Frames that could not be read."""
 
 
+def _of_video(scene: Scene) -> bool:
+    return any(frame.video is not None for frame in scene.frames)
+
+
 def _some(frames: Sequence[Frame], numbers: range) -> list[tuple[int, Frame]]:
     return [(f, frames[f]) for f in numbers if f < len(frames)]
 
 
 def _of_key_frame(
     scene: Scene,
-    images: ImageCache,
+    images: Images,
     k: int,
     config: TrackingConfig,
-    sampler: qmc.Sobol,
+    seed: int,
     tracker: PairTracker,
 ) -> _Followed:
     """Points sampled on the elements of key frame ``k``, followed both ways."""
     key, elements = scene.key_frames[k].frame, scene.key_frames[k].elements
-    images.move_to(key)
     image = images(key)
     if image is None:
         raise GtlayoutError(f"{images.errors[key]}; it is annotated: mend it or remove its annotation")
-    images.errors.clear()
-    per_element = [sample_points(image, element, config, sampler) for element in elements]
+    per_element = [sample_points(image, element, config, seed) for element in elements]
     start = np.concatenate(per_element) if per_element else np.empty((0, 2))
     followed = [(np.arange(len(start)), np.full(len(start), key), start)]
     for direction in (-1, 1):

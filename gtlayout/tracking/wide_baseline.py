@@ -15,6 +15,7 @@ from shapely import contains_xy
 
 from gtlayout.memory import Memory
 from gtlayout.scene import BoolArray, Camera, Element, FloatArray, IntArray, Scene
+from gtlayout.threads import in_threads
 from gtlayout.tracking.config import TrackingConfig, WideBaselineConfig
 from gtlayout.tracking.epipolar import EpipolarMatcher
 from gtlayout.tracking.features import Features, VideoFeatures
@@ -76,18 +77,23 @@ def _found_again(
     sigma: list[float] = []
     observed: list[_Seen] = []
     tried = []
-    for k, drawn in enumerate(scene.key_frames):
-        key, elements = drawn.frame, drawn.elements
+
+    def of_key_frame(k: int) -> _FoundAgain | None:
+        key, elements = scene.key_frames[k].frame, scene.key_frames[k].elements
         if key not in found.of_frame:
-            tried.append(np.zeros(len(elements), dtype=np.int64))
-            continue
+            return None
         near = found.nearest(key, config.max_frames)
         seen = [(f, scene.frames[f].name, scene.frames[f].image_path, scene.frames[f].camera) for f in (key, *near)]
-        of_key = memory.of(
+        return memory.of(
             "wide baselines of a key frame",
             (seen, path, [one.visible for one in elements], tracking, config),
             partial(_of_key_frame, scene, path, found, k, near, tracking, config),
         )
+
+    for k, of_key in enumerate(in_threads(of_key_frame, range(len(scene.key_frames)))):
+        if of_key is None:
+            tried.append(np.zeros(len(scene.key_frames[k].elements), dtype=np.int64))
+            continue
         tried.append(of_key.tried)
         key_frame += [k] * len(of_key.element)
         element += of_key.element

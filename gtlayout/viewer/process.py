@@ -17,6 +17,7 @@ from typing import IO
 from urllib.parse import quote
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 
 VIEWER_PORT = 9876
 """Where a rerun viewer listens by default."""
@@ -96,8 +97,7 @@ def rerun_command() -> str:
     """The ``rerun`` command that rerun-sdk installs beside Python, which need not be on the PATH."""
     found = shutil.which("rerun", path=Path(sys.executable).parent) or shutil.which("rerun")
     if found is None:
-        msg = "the rerun viewer is not installed: pip install rerun-sdk"
-        raise GtlayoutError(msg)
+        raise MissingExtraError("the rerun viewer is not installed: pip install 'gtlayout[view]'")
     return found
 
 

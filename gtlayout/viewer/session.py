@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
+from gtlayout.extras import needs
 from gtlayout.observer import Observer
 from gtlayout.results.names import LOG_FILE
 from gtlayout.viewer.process import require_display, require_viewer, rerun_command
@@ -23,18 +24,18 @@ def rerun_observer(mode: RerunMode, log: Path, progress: Observer) -> Iterator[O
     * ``save``: the log appears as ``log`` when the block ends well, and not at all when it raises;
     * ``spawn``: opens a viewer; ``connect``: sends to the one that listens on this machine.
 
-    Raises ``GtlayoutError`` when there is no viewer to send to.
+    Raises ``GtlayoutError`` when there is no viewer to send to, ``MissingExtraError`` without rerun.
     """
     if mode == "off":
         yield progress
         return
+    # Importing rerun takes most of a second, which only those who ask for it should pay.
+    with needs("view", f"--rerun {mode}"):
+        import rerun as rr
     if mode == "spawn":
         require_display()
     elif mode == "connect":
         require_viewer()
-    # Importing rerun takes most of a second, which only those who ask for it should pay.
-    import rerun as rr
-
     from gtlayout.io.files import write_atomic
     from gtlayout.viewer.rerun_log import APPLICATION, RerunObserver
 

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens, pinhole
 from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timestamps import match_times
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.registration import Pinhole
 from gtlayout.io.sources import PosedImage, PosedImages, Reader
 from gtlayout.scene import FloatArray
@@ -116,7 +116,7 @@ def _read_trajectory(path: Path) -> tuple[FloatArray, list[Pose], list[str]]:
     return np.array(times), poses, [many] if many else []
 
 
-def _read_pincam(path: Path) -> pycolmap.Camera:
+def _read_pincam(path: Path) -> Lens:
     """The camera; its principal point counts from the corner of the first pixel.
 
     DATA.md does not say so: it is an assumption, from how Apple documents its intrinsic matrix elsewhere

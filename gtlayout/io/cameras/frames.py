@@ -11,9 +11,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 from gtlayout.io.cameras.lenses import doubt, scaled
 from gtlayout.io.cameras.undistort import undistortion
 from gtlayout.io.cameras.upright import Turned, header_with_tag, is_of_shown, orientation_lines, size_seen, upright
@@ -88,7 +88,7 @@ def _without_doubles(ordered: Sequence[PosedImage], root: Path) -> tuple[list[Po
 def _same(one: PosedImage, other: PosedImage) -> bool:
     return (
         one.image_path == other.image_path
-        and _lens(one.camera) == _lens(other.camera)
+        and one.camera == other.camera
         and np.allclose(one.R_cam_from_world, other.R_cam_from_world, atol=1e-9)
         and np.allclose(one.t_cam_from_world, other.t_cam_from_world, rtol=1e-9)
     )
@@ -97,17 +97,19 @@ def _same(one: PosedImage, other: PosedImage) -> bool:
 def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnDisk) -> Frame:
     try:
         lens = undistortion(image.camera)
+    except MissingExtraError:
+        raise
     except GtlayoutError as error:
         raise GtlayoutError(f"{image.image_path}: {error}") from error
     if not np.all(np.abs(image.t_cam_from_world) <= MAX_POSITION):
         raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}")
     pinhole = lens.target if lens else image.camera
     seen = Camera(
-        K=np.array(pinhole.calibration_matrix(), dtype=np.float64),
+        K=pinhole.K,
         R_cam_from_world=image.R_cam_from_world,
         t_cam_from_world=image.t_cam_from_world,
-        width=int(pinhole.width),
-        height=int(pinhole.height),
+        width=pinhole.width,
+        height=pinhole.height,
     )
     depth_path = files.find(_depth_path(root, image))
     register = (
@@ -123,10 +125,6 @@ def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnD
 
 def _depth_path(root: Path, image: PosedImage) -> Path:
     return image.depth_path or (root / "depth" / image.name).with_suffix(".png")
-
-
-def _lens(camera: pycolmap.Camera) -> tuple[object, ...]:
-    return camera.model_name, camera.width, camera.height, *(float(parameter) for parameter in camera.params)
 
 
 def _sizes(images: Sequence[PosedImage]) -> dict[tuple[int, int], tuple[int, int]]:

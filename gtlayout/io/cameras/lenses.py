@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.registration import Pinhole
+from gtlayout.scene import FloatArray
 
 MAX_SIDE_PX = 1 << 16
 """No image is larger (JPEG's limit); a file that states one must not make us allocate it."""
@@ -43,7 +44,7 @@ def finite(value: Any) -> float | None:
 
 def lens(
     model: str, size: tuple[float, float], params: Sequence[float], where: str, *, size_is_stated: bool = True
-) -> pycolmap.Camera:
+) -> Lens:
     """COLMAP's camera ``model`` for images of ``size`` (width, height) px, pixel centres at +0.5.
 
     ``size_is_stated``: whether the file says for what size it is; where it does not, ``size`` is that of the images.
@@ -52,31 +53,31 @@ def lens(
     """
     if not all(2 <= side <= MAX_SIDE_PX and side % 1 == 0 for side in size):
         raise GtlayoutError(f"{where}: an image of {size[0]:g}x{size[1]:g} px is none (whole numbers from 2 on)")
-    camera = pycolmap.Camera(model=model, width=int(size[0]), height=int(size[1]), params=list(params))
+    camera = Lens(model, int(size[0]), int(size[1]), tuple(float(value) for value in params))
     check_lens(camera, where)
     if not size_is_stated and (ratio := _other_size(camera)) and not 1 / OTHER_SIZE < ratio < OTHER_SIZE:
         raise GtlayoutError(f"{where}: {_of_another_size(camera, ratio)}; {_MEND}")
     return camera
 
 
-def check_lens(camera: pycolmap.Camera, where: str) -> None:
+def check_lens(camera: Lens, where: str) -> None:
     """Raises GtlayoutError, beginning with ``where``, for a camera that cannot be one."""
     width, height = camera.width, camera.height
     sizes = min(width, height) >= 2 and max(width, height) <= MAX_SIDE_PX
-    shares = camera.params[camera.focal_length_idxs()] / max(width, height, 1)
+    shares = camera.focal_px / max(width, height, 1)
     focals = np.all((shares >= FOCAL_SHARES[0]) & (shares <= FOCAL_SHARES[1]))
     if not sizes or not focals or not np.all(np.abs(camera.params) <= MAX_PARAMETER):
         raise GtlayoutError(f"{where} has no valid size and focal length")
-    if len(camera.principal_point_idxs()) and not np.all(np.abs(_centre_shares(camera) - 1) <= 1):
+    if len(camera.principal_px) and not np.all(np.abs(_centre_shares(camera) - 1) <= 1):
         raise GtlayoutError(f"{where}: {_of_another_size(camera, _other_size(camera))}; {_MEND}")
 
 
-def doubt(camera: pycolmap.Camera) -> str | None:
+def doubt(camera: Lens) -> str | None:
     """Why a valid camera may not be that of its images, though it may be: its principal point is far off their centre.
 
     A clause about *the principal point*; None without a doubt.
     """
-    if not len(camera.principal_point_idxs()):
+    if not len(camera.principal_px):
         return None
     ratio = _other_size(camera)
     resized = ratio is not None and not 1 / DOUBTED_SIZE < ratio < DOUBTED_SIZE
@@ -85,7 +86,7 @@ def doubt(camera: pycolmap.Camera) -> str | None:
     return None
 
 
-def scaled(camera: pycolmap.Camera, size: tuple[int, int], where: str) -> pycolmap.Camera:
+def scaled(camera: Lens, size: tuple[int, int], where: str) -> Lens:
     """The same lens for images of another ``size`` (width, height) px and the same shape.
 
     Raises GtlayoutError, beginning with ``where``, when the shape differs.
@@ -96,27 +97,23 @@ def scaled(camera: pycolmap.Camera, size: tuple[int, int], where: str) -> pycolm
             f"{where} is for images of {camera.width}x{camera.height} px, but this one is {size[0]}x{size[1]}, "
             "another shape: scale one to the other"
         )
-    resized = pycolmap.Camera(
-        model=camera.model_name, width=camera.width, height=camera.height, params=[float(p) for p in camera.params]
-    )
-    resized.rescale(*size)
-    return resized
+    return camera.rescaled(*size)
 
 
-def pinhole(camera: pycolmap.Camera) -> Pinhole:
+def pinhole(camera: Lens) -> Pinhole:
     """The same camera as depth maps have it."""
-    return Pinhole(np.array(camera.calibration_matrix(), dtype=np.float64), int(camera.width), int(camera.height))
+    return Pinhole(camera.K, camera.width, camera.height)
 
 
 _MEND = "scale them to these images, or take the images they were calibrated on"
 
 
-def _centre_shares(camera: pycolmap.Camera) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _centre_shares(camera: Lens) -> FloatArray:
     """(2,) principal point in halves of width and height: 1 is the centre, 0 and 2 the border."""
-    return 2 * camera.params[camera.principal_point_idxs()] / (camera.width, camera.height)
+    return 2 * camera.principal_px / (camera.width, camera.height)
 
 
-def _other_size(camera: pycolmap.Camera) -> float | None:
+def _other_size(camera: Lens) -> float | None:
     """How many times as large the images would be that have the principal point in their centre; None where these would
     have another shape.
     """
@@ -124,8 +121,8 @@ def _other_size(camera: pycolmap.Camera) -> float | None:
     return float((x + y) / 2) if min(x, y) > 0 and abs(x / y - 1) <= SAME_SHARE else None
 
 
-def _of_another_size(camera: pycolmap.Camera, ratio: float | None) -> str:
-    x, y = camera.params[camera.principal_point_idxs()]
+def _of_another_size(camera: Lens, ratio: float | None) -> str:
+    x, y = camera.principal_px
     inside = 0 <= x <= camera.width and 0 <= y <= camera.height
     place = "far off the centre of" if inside else "outside of"
     size = f"{camera.width}x{camera.height} px"

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import finite, lens, pinhole, scaled
 from gtlayout.io.cameras.poses import cam_from_world_opengl
 from gtlayout.io.files import read_json
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.images import size_of_first
 from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import FloatArray
@@ -59,7 +59,7 @@ def read_polycam(_root: Path, path: Path) -> PosedImages:
     return PosedImages(tuple(found), (*uncorrected, *skipped), metric=True)
 
 
-def _camera(data: dict[str, Any], path: Path, file: Path) -> pycolmap.Camera:
+def _camera(data: dict[str, Any], path: Path, file: Path) -> Lens:
     """The camera as the file says, for images of the size that it says."""
     if "width" not in data and "height" not in data:
         original = path / ORIGINAL[0] / file.name

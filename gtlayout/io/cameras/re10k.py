@@ -12,13 +12,13 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens
 from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timed_images import find_timed_images
 from gtlayout.io.files import write_atomic
+from gtlayout.io.lens import Lens
 from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import FloatArray, Frame
 
@@ -146,7 +146,7 @@ def _camera(line: str, where: str) -> Re10kCamera:
     return Re10kCamera(timestamp_us, (fx, fy), (cx, cy), rotation, translation)
 
 
-def _pinhole(camera: Re10kCamera, size: tuple[int, int], where: str) -> pycolmap.Camera:
+def _pinhole(camera: Re10kCamera, size: tuple[int, int], where: str) -> Lens:
     shares = (*camera.focal_shares, *camera.center_shares)
     return lens("PINHOLE", size, [share * side for share, side in zip(shares, size * 2, strict=True)], where)
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import lens, pinhole
 from gtlayout.io.cameras.poses import cam_from_world, rigid
 from gtlayout.io.files import write_all_atomic, write_atomic
+from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.exports import depth_mm, write_depth, write_jpeg
 from gtlayout.io.pixels.images import encoded, size_of_first
 from gtlayout.io.pixels.registration import Pinhole, Registration
@@ -159,7 +159,7 @@ def _intrinsics(root: Path, path: Path) -> tuple[FloatArray, FloatArray, bool]:
     return K, depth_K, not np.allclose(color, depth, atol=1e-6)
 
 
-def _lens(K: FloatArray, size: tuple[int, int], where: str) -> pycolmap.Camera:
+def _lens(K: FloatArray, size: tuple[int, int], where: str) -> Lens:
     """A camera for images of ``size``; the files do not say for which they are."""
     return lens("PINHOLE", size, [K[0, 0], K[1, 1], K[0, 2], K[1, 2]], where, size_is_stated=False)
 

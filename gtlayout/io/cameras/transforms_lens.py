@@ -15,10 +15,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.lenses import finite, lens
+from gtlayout.io.lens import PARAMETERS, Lens
 
 PERSPECTIVE = ("PERSPECTIVE", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 """Whatever the model's name, coefficients that are given are meant."""
@@ -50,7 +50,7 @@ SAME_PX = 0.51
 Keys = Mapping[str, Any]
 
 
-def read_lens(file: Keys, frame: Keys, size: tuple[int, int] | None, where: str) -> pycolmap.Camera:
+def read_lens(file: Keys, frame: Keys, size: tuple[int, int] | None, where: str) -> Lens:
     """The camera of a frame by the keys of the ``file`` and of the ``frame``, which go first.
 
     ``size`` is that of the images, for when no key says it. Raises GtlayoutError, beginning with ``where``, when a key
@@ -142,8 +142,7 @@ def _distortion(model: str, values: Keys, where: str) -> tuple[str, list[float]]
 
 def _parameter_names(model: str) -> list[str]:
     """Of a model of COLMAP, those after fx, fy, cx, cy."""
-    info = pycolmap.Camera.create_from_model_name(0, model, 1.0, 2, 2).params_info
-    return [name.strip() for name in info.split(",")][4:]
+    return list(PARAMETERS[model][4:])
 
 
 def _focal_lengths(file: Keys, frame: Keys, size: tuple[float, float], where: str) -> tuple[float, float]:

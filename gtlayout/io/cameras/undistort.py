@@ -9,17 +9,10 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-import pycolmap
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.lens import Lens, pycolmap_for
 from gtlayout.scene import FloatArray
-
-PINHOLE_MODELS = (
-    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"),
-    *("SIMPLE_DIVISION", "DIVISION"),
-)
-"""Models that are a pinhole when their coefficients are zero; a fisheye or a panorama never is, though COLMAP calls
-it undistorted then."""
 
 
 @dataclass(frozen=True)
@@ -36,26 +29,27 @@ class Undistortion:
     params: tuple[float, ...]
 
     @cached_property
-    def source(self) -> pycolmap.Camera:
+    def source(self) -> Lens:
         """The lens."""
-        return pycolmap.Camera(model=self.model, width=self.width, height=self.height, params=list(self.params))
+        return Lens(self.model, self.width, self.height, self.params)
 
     @cached_property
-    def target(self) -> pycolmap.Camera:
+    def target(self) -> Lens:
         """The pinhole camera; its size differs from the source's by what had to be cut off."""
-        return pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), self.source)
+        pycolmap = pycolmap_for(f"undistorting the lens model {self.model}")
+        found = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), self.source.colmap)
+        return Lens(found.model_name, found.width, found.height, tuple(float(value) for value in found.params))
 
     def points(self, points_px: FloatArray) -> FloatArray:
         """(N, 2) pixels of the distorted image → (N, 2) pixels of the pinhole one; NaN where there is no inverse."""
-        rays = np.asarray(self.source.cam_from_img(points_px), dtype=np.float64)
-        K = self.target.calibration_matrix()
-        return rays @ K[:2, :2].T + K[:2, 2]
+        K = self.target.K
+        return self.source.rays(points_px) @ K[:2, :2].T + K[:2, 2]
 
     def distorted(self, points_px: FloatArray) -> FloatArray:
         """The inverse of ``points``: (N, 2) pixels of the pinhole image → (N, 2) of the distorted one."""
-        K = self.target.calibration_matrix()
+        K = self.target.K
         rays = np.column_stack([(points_px - K[:2, 2]) / np.diag(K)[:2], np.ones(len(points_px))])
-        return np.asarray(self.source.img_from_cam(rays), dtype=np.float64)
+        return np.asarray(self.source.colmap.img_from_cam(rays), dtype=np.float64)
 
     def __call__(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Resample an image, or a depth map: uint8 bilinearly, everything else by nearest neighbour.
@@ -70,18 +64,18 @@ class Undistortion:
         return cv2.remap(image, map_x, map_y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
 
 
-def undistortion(camera: pycolmap.Camera) -> Undistortion | None:
+def undistortion(camera: Lens) -> Undistortion | None:
     """The undistortion a camera needs; None when it is a pinhole already.
 
-    Raises GtlayoutError when the model has no pinhole counterpart (panoramas).
+    Raises GtlayoutError when the model has no pinhole counterpart (panoramas), MissingExtraError without pycolmap.
     """
-    if camera.model_name in PINHOLE_MODELS and camera.is_undistorted():
+    if camera.is_pinhole:
         return None
-    found = Undistortion(camera.model_name, camera.width, camera.height, tuple(float(p) for p in camera.params))
+    found = Undistortion(camera.model, camera.width, camera.height, camera.params)
     try:
         _ = found.target
     except ValueError as error:
-        raise GtlayoutError(f"camera model {camera.model_name} cannot be undistorted to a pinhole camera") from error
+        raise GtlayoutError(f"camera model {camera.model} cannot be undistorted to a pinhole camera") from error
     return found
 
 
@@ -90,8 +84,8 @@ def _maps(lens: Undistortion) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.f
     """OpenCV maps, (H, W) each: where in the source each target pixel lies, pixel centres at 0."""
     target = lens.target
     u, v = np.meshgrid(np.arange(target.width) + 0.5, np.arange(target.height) + 0.5)
-    K = target.calibration_matrix()
+    K = target.K
     rays = np.column_stack([(u.ravel() - K[0, 2]) / K[0, 0], (v.ravel() - K[1, 2]) / K[1, 1], np.ones(u.size)])
-    source_px = np.asarray(lens.source.img_from_cam(rays)).astype(np.float32) - np.float32(0.5)
+    source_px = np.asarray(lens.source.colmap.img_from_cam(rays)).astype(np.float32) - np.float32(0.5)
     x, y = source_px.T.reshape(2, target.height, target.width)
     return np.ascontiguousarray(x), np.ascontiguousarray(y)

@@ -9,19 +9,23 @@ from fractions import Fraction
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import TypeAlias, cast
+from threading import Lock
+from types import ModuleType
+from typing import TYPE_CHECKING, TypeAlias, cast
 
-import av
 import numpy as np
-from av.buffer import Buffer
-from av.container import InputContainer
-from av.packet import Packet
-from av.video.frame import VideoFrame as DecodedFrame
-from av.video.stream import VideoStream
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import needs
 from gtlayout.io.pixels.turn import AS_STORED, Turn
 from gtlayout.scene import FloatArray, ImageArray, IntArray
+
+if TYPE_CHECKING:
+    from av.buffer import Buffer
+    from av.container import InputContainer
+    from av.packet import Packet
+    from av.video.frame import VideoFrame as DecodedFrame
+    from av.video.stream import VideoStream
 
 VideoPacket: TypeAlias = "Packet[VideoStream]"
 EXTENSIONS = (".mp4", ".mov", ".mkv", ".webm")
@@ -33,6 +37,8 @@ MAX_FRAMES = 5_000_000
 """A day at 60 Hz."""
 NEAR_FRAMES = 16
 """Decoding this much further costs about what seeking does."""
+_READING = Lock()
+"""Two threads in one decoder end the process."""
 
 
 @dataclass(frozen=True)
@@ -103,15 +109,16 @@ class Video:
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of {len(self)}")
         where = f"frame {index} of {self.path} (at {self.times_s[index]:.3f} s)"
-        (width, height), orientation = self._stored
-        frame = self._find(index)
+        with _READING:
+            (width, height), orientation = self._stored
+            frame = self._find(index)
         if frame is None or frame.is_corrupt:
             raise GtlayoutError(f"cannot decode {where}: damaged")
         if (frame.width, frame.height) != (width, height):
             raise GtlayoutError(f"{where} is {frame.width}x{frame.height} px, the first is {width}x{height}")
         try:
             bgr = frame.to_ndarray(format="bgr24")
-        except (av.FFmpegError, ValueError) as error:
+        except (_av().FFmpegError, ValueError) as error:
             raise GtlayoutError(f"cannot decode {where}: {error}") from error
         return orientation.image(bgr.astype(np.uint8, copy=False))
 
@@ -187,7 +194,7 @@ class Video:
     def _seek_to(self, target: int | None) -> Iterator[VideoPacket]:
         if target is not None and self._source is not None:
             container, stream = self._source
-            with suppress(av.FFmpegError):
+            with suppress(_av().FFmpegError):
                 container.seek(target, stream=stream)
                 yield from self._demux()
 
@@ -197,14 +204,14 @@ class Video:
             self._source[0].close()
         try:
             # As a path and nothing else: FFmpeg would take "a:b.mp4" for an address.
-            container = av.open(f"file:{self.path.absolute()}", options=OPEN_OPTIONS)
-        except av.InvalidDataError as error:
+            container = _av().open(f"file:{self.path.absolute()}", options=OPEN_OPTIONS)
+        except _av().InvalidDataError as error:
             raise GtlayoutError(f"cannot read video {self.path}: damaged, or no video") from error
-        except (av.FFmpegError, OSError, ValueError) as error:
+        except (_av().FFmpegError, OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)
             raise GtlayoutError(f"cannot read video {self.path}: {why}") from error
         stream = container.streams.best("video")
-        if not isinstance(stream, VideoStream):
+        if not isinstance(stream, _av().VideoStream):
             raise GtlayoutError(f"{self.path} holds no video")
         if stream.codec_context is None:
             raise GtlayoutError(f"cannot read video {self.path}: FFmpeg has no decoder for it")
@@ -219,7 +226,7 @@ class Video:
         """Packets of frames; they end where the file is cut off or damaged beyond reading."""
         if self._source is not None:
             container, stream = self._source
-            with suppress(av.FFmpegError):
+            with suppress(_av().FFmpegError):
                 for packet in container.demux(stream):
                     if packet.size:
                         yield packet
@@ -230,13 +237,19 @@ class Video:
         for packet in chain(packets, [None]):
             decoded: list[DecodedFrame] = []
             if self._source is not None:
-                with suppress(av.FFmpegError):
+                with suppress(_av().FFmpegError):
                     decoded = self._source[1].decode(packet)
             for frame in decoded:
                 index = count if stamps is None else _position(stamps, frame.pts)
                 count += 1
                 if index is not None and index < len(self):
                     yield index, frame
+
+
+def _av() -> ModuleType:
+    with needs("video", "reading a video"):
+        import av
+    return av
 
 
 def _index(packets: list[tuple[int | None, int | None, bool]], unit_s: Fraction, rate: Fraction) -> _Index:

@@ -9,12 +9,10 @@ from __future__ import annotations
 import mmap
 import struct
 from collections.abc import Callable
-from functools import lru_cache
 from pathlib import Path
 
-import pycolmap
-
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.lens import PARAMETERS
 
 POSE = 7 * 8
 """Bytes of a quaternion and a translation."""
@@ -85,7 +83,8 @@ PARTS: dict[str, Callable[[mmap.mmap, int], int]] = {
 """For each file, where the record that begins at an offset ends."""
 
 
-@lru_cache(maxsize=64)
 def _parameters(model_id: int) -> int:
     """How many a camera model has. Raises ValueError for a model that does not exist."""
-    return len(pycolmap.Camera.create_from_model_id(0, pycolmap.CameraModelId(model_id), 1.0, 2, 2).params)
+    if not 0 <= model_id < len(PARAMETERS):
+        raise ValueError(model_id)
+    return len(list(PARAMETERS.values())[model_id])

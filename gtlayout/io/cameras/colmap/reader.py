@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, get_args
-
-import pycolmap
+from typing import TYPE_CHECKING, Literal, get_args
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.colmap.binary import check_lengths
@@ -18,8 +15,12 @@ from gtlayout.io.cameras.lenses import check_lens
 from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.files import path_inside
 from gtlayout.io.image_names import FilesOnDisk
+from gtlayout.io.lens import Lens, pycolmap_for
 from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import Frame
+
+if TYPE_CHECKING:
+    import pycolmap
 
 PARTS = ("cameras", "images", "points3D")
 Form = Literal["bin", "txt"]
@@ -47,7 +48,7 @@ def open_model(model: Path) -> pycolmap.Reconstruction:
     """The model in folder ``model``, text or binary. Raises GtlayoutError when it is incomplete or damaged."""
     form = _form(model)
     check_lengths(model)
-    opened = pycolmap.Reconstruction()
+    opened = pycolmap_for(f"COLMAP model {model}").Reconstruction()
     try:
         (opened.read_binary if form == "bin" else opened.read_text)(str(model))
     except (ValueError, IndexError, RuntimeError, MemoryError) as error:
@@ -64,13 +65,16 @@ def model_images(model: pycolmap.Reconstruction, where: str) -> tuple[list[Model
     Raises GtlayoutError, beginning with ``where``, when none is left.
     """
 
-    # Copies: pycolmap's own go with the model.
-    cameras = {number: copy(camera) for number, camera in model.cameras.items()}
+    cameras = {
+        number: Lens(camera.model_name, camera.width, camera.height, tuple(map(float, camera.params)))
+        for number, camera in model.cameras.items()
+    }
 
     def read(number: int) -> ModelImage:
         image = model.images[number]
         try:
-            return ModelImage(number, image.name, cameras[image.camera_id], image.cam_from_world().matrix())
+            pose = image.cam_from_world().matrix()
+            return ModelImage(number, image.name, cameras[image.camera_id], image.camera_id, pose)
         except (ValueError, LookupError, RuntimeError) as error:
             raise GtlayoutError(f"{where}: image {number} cannot be read: {' '.join(str(error).split())}") from error
 
@@ -92,7 +96,7 @@ def posed_images(images: Sequence[ModelImage], root: Path, where: str) -> PosedI
 
     def posed(image: ModelImage) -> PosedImage:
         file = path_inside(folder, image.name, where)
-        check_lens(image.camera, f"{where}: camera {image.camera.camera_id}")
+        check_lens(image.camera, f"{where}: camera {image.camera_number}")
         pose = rigid(image.cam_from_world, f"{where}: the pose of {image.name}")
         return PosedImage(file.relative_to(folder).as_posix(), file, image.camera, *pose)
 
@@ -105,6 +109,7 @@ def write_colmap(model: Path, frames: Sequence[Frame], *, binary: bool = False) 
 
     Frames with the same intrinsics share a camera. Raises GtlayoutError when the folder cannot be written.
     """
+    pycolmap = pycolmap_for("writing a COLMAP model")
     reconstruction = pycolmap.Reconstruction()
     camera_ids: dict[tuple[float, ...], int] = {}
     for image_id, frame in enumerate(frames, start=1):

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.lens import PARAMETERS, Lens
 from gtlayout.io.sources import usable
 from gtlayout.scene import FloatArray
 
@@ -30,7 +30,8 @@ class ModelImage:
 
     number: int
     name: str
-    camera: pycolmap.Camera
+    camera: Lens
+    camera_number: int
     cam_from_world: FloatArray
     """(3, 4)"""
 
@@ -48,26 +49,18 @@ def read_images(model: Path) -> tuple[list[ModelImage], tuple[str, ...]]:
     return usable(lines, lambda line: _image(line, cameras, model / "cameras.txt"))
 
 
-def _cameras(file: Path) -> dict[int, pycolmap.Camera | GtlayoutError]:
+def _cameras(file: Path) -> dict[int, Lens | GtlayoutError]:
     """By number, each camera, or what is wrong with its line."""
-    found: dict[int, pycolmap.Camera | GtlayoutError] = {}
+    found: dict[int, Lens | GtlayoutError] = {}
     for where, line in _lines(file):
         words = line.split()
         if not words or not words[0].isdecimal():
             continue  # Without a number no image can mean it.
         try:
-            if words[1] not in pycolmap.CameraModelId.__members__:
+            width, height, *params = int(words[2]), int(words[3]), *map(float, words[4:])
+            if len(params) != len(PARAMETERS.get(words[1], ())) or min(width, height) < 0:
                 raise ValueError
-            camera = pycolmap.Camera(
-                camera_id=int(words[0]),
-                model=words[1],
-                width=int(words[2]),
-                height=int(words[3]),
-                params=[float(word) for word in words[4:]],
-            )
-            if not camera.verify_params():
-                raise ValueError
-            found[int(words[0])] = camera
+            found[int(words[0])] = Lens(words[1], width, height, tuple(params))
         except (ValueError, IndexError, TypeError, OverflowError):
             found[int(words[0])] = GtlayoutError(f"{where} is no camera: {line[:80]!r}")
     return found
@@ -91,7 +84,7 @@ def _is_image(line: str) -> bool:
     return len(words) == FIELDS and _numbers(words[:-1]) is not None and _numbers(words[-1].split()) is None
 
 
-def _image(line: Line, cameras: dict[int, pycolmap.Camera | GtlayoutError], file: Path) -> ModelImage:
+def _image(line: Line, cameras: dict[int, Lens | GtlayoutError], file: Path) -> ModelImage:
     where, text = line
     words = text.split(maxsplit=FIELDS - 1)
     numbers = _numbers(words[: FIELDS - 1])
@@ -109,7 +102,7 @@ def _image(line: Line, cameras: dict[int, pycolmap.Camera | GtlayoutError], file
         rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
     except ValueError as error:
         raise GtlayoutError(f"{where}: the quaternion is of length 0") from error
-    return ModelImage(int(words[0]), words[-1], camera, np.column_stack([rotation, numbers[5:8]]))
+    return ModelImage(int(words[0]), words[-1], camera, int(words[8]), np.column_stack([rotation, numbers[5:8]]))
 
 
 def _lines(file: Path, *, blank: bool = False) -> list[Line]:
