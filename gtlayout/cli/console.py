@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import codecs
+import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, CycloptsError, Parameter
 from cyclopts.validators import Number
@@ -16,10 +19,13 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.observer import Observer
+from gtlayout.signals import ending
 
 if TYPE_CHECKING:
     from gtlayout.review.findings import Finding
 
+INTERRUPTED = 130
+"""Exit status after Ctrl-C."""
 SUSPICIOUS = 3
 """Exit status of a check or a review that found something."""
 SHOWN_WARNINGS = 5
@@ -53,21 +59,59 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
     """
     name = app.name[0]
     try:
-        status = app(arguments, exit_on_error=False, error_console=Console(stderr=True), result_action="return_value")
+        status = app(
+            arguments,
+            exit_on_error=False,
+            console=_Output(),
+            error_console=Console(stderr=True),
+            result_action="return_value",
+        )
     except CycloptsError:
         return 2
     except GtlayoutError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print(f"{name}: {when_interrupted}", file=sys.stderr)
-        return 130
+    except KeyboardInterrupt as error:
+        word, status = ending(error)
+        print(f"{name}: {when_interrupted if status == INTERRUPTED else word}", file=sys.stderr)
+        return status
     return status if isinstance(status, int) else 0
+
+
+class _Output(Console):
+    """Standard output: what cannot be printed is a known problem."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """Raises GtlayoutError when the disk is full, or whatever else takes the text does not."""
+        try:
+            super().print(*objects, **options)
+        except OSError as error:
+            # What is left in the buffer would be tried again when Python ends.
+            with open(os.devnull, "w") as nowhere, suppress(OSError, ValueError):
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+            raise GtlayoutError(f"cannot print: {error.strerror or error}") from error
 
 
 def stdout() -> Console:
     """Prints text as it is, in notebooks too, and never wrapped: paths and names stay whole in a log."""
-    return Console(highlight=False, markup=False, soft_wrap=True, force_jupyter=False)
+    return _Output(highlight=False, markup=False, soft_wrap=True, force_jupyter=False)
+
+
+_ASCII = {"σ": "sigma", "ε": "eps", "χ": "chi", "±": "+-", "²": "2", "³": "3", "°": "deg", "×": "x", "…": "..."}
+_ASCII |= {"–": "-", "→": "->", "·": "*", "─": "-", "µ": "u", "≤": "<=", "≥": ">="}
+
+
+def print_any_sign() -> None:
+    """Standard output and error take every sign from now on: what they lack is written in ASCII, or as ``?``."""
+
+    def in_ascii(error: UnicodeError) -> tuple[str, int]:
+        assert isinstance(error, UnicodeEncodeError)
+        return "".join(_ASCII.get(sign, "?") for sign in error.object[error.start : error.end]), error.end
+
+    codecs.register_error("gtlayout", in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="gtlayout")
 
 
 def print_warnings(console: Console, warnings: Sequence[str], verbose: bool) -> None:

@@ -36,24 +36,37 @@ def write_atomic(path: Path, content: bytes | str) -> None:
 def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
     """Write several files, in order: all are complete beside their places before the first takes its own.
 
-    Raises GtlayoutError when a folder or the disk does not take one of them; all are then as they were.
+    A link stays, and what it leads to is written. Devices and pipes are written to, not replaced.
+
+    Raises GtlayoutError when a folder or the disk does not take one of them; all files are then as they were.
     """
-    temporaries = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
+    as_bytes = {path: content.encode() if isinstance(content, str) else content for path, content in contents.items()}
+    places = {path: Path(os.path.realpath(path)) for path in contents if not _takes_a_stream(path)}
+    temporaries = {path: place.with_name(f".{place.name}.{os.getpid()}.tmp") for path, place in places.items()}
     path = Path()
     try:
-        for path, content in contents.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
+        for path, temporary in temporaries.items():
+            temporary.parent.mkdir(parents=True, exist_ok=True)
             if path.is_dir():
                 raise GtlayoutError(f"cannot write {path}: a folder is in its place")
-            temporaries[path].write_bytes(content.encode() if isinstance(content, str) else content)
+            temporary.write_bytes(as_bytes[path])
+        for path in [path for path in contents if path not in places]:
+            path.write_bytes(as_bytes[path])
         for path, temporary in temporaries.items():
-            temporary.replace(path)
+            temporary.replace(places[path])
     except OSError as error:
         raise GtlayoutError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         for temporary in temporaries.values():
             with suppress(OSError):
                 temporary.unlink()
+
+
+def _takes_a_stream(path: Path) -> bool:
+    """Whether it is a device, a pipe or a socket, or leads to one: no file can take its place."""
+    if path.absolute().parts[:2] in (("/", "dev"), ("/", "proc")):
+        return path.exists()  # /dev/stdout may lead to a file that is being written to
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 @contextmanager
@@ -64,6 +77,7 @@ def new_folder(out: Path) -> Iterator[Path]:
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
+    out = Path(os.path.realpath(out))  # a link to an empty folder stays one
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
