@@ -87,7 +87,7 @@ class _Output(Console):
             super().print(*objects, **options)
         except OSError as error:
             # What is left in the buffer would be tried again when Python ends.
-            with open(os.devnull, "w") as nowhere, suppress(OSError, ValueError):
+            with Path(os.devnull).open("w") as nowhere, suppress(OSError, ValueError):
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
             raise GtlayoutError(f"cannot print: {error.strerror or error}") from error
 
