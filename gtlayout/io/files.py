@@ -21,6 +21,8 @@ from gtlayout.io.archives import read_bytes
 MAX_NAME_BYTES, MAX_PATH_BYTES = 240, 1024
 """Of a file's name and of its path in the scene folder, so that with extension and folder a file system takes them."""
 
+LONG_NUMBER = re.compile(rb"[0-9]{19}")
+"""Digits of a whole number that may not fit into 64 bits."""
 MAX_DIGITS = 400
 """Of a whole number; no float is that large."""
 
@@ -153,18 +155,18 @@ def _parsed(path: Path) -> Any:
     """In UTF-8, UTF-16 or UTF-32, with a byte-order mark or without. The file may lie in a zip."""
     content = read_bytes(path)
     try:
-        return json.loads(content)
+        # Python makes whole numbers of any size, or refuses, and others cannot take them: they become floats.
+        long = LONG_NUMBER.search(content) is not None or b"\0" in content
+        return json.loads(content, parse_int=_whole_number if long else None)
     except (ValueError, RecursionError) as error:
-        problem = error
-    try:
-        # One number of thousands of digits, which Python refuses to make, must not cost the whole file.
-        return json.loads(content, parse_int=_whole_number)
-    except (ValueError, RecursionError):
-        raise GtlayoutError(f"{path} is not valid JSON: {problem}") from problem
+        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
 
 
 def _whole_number(digits: str) -> float:
-    return int(digits) if len(digits) <= MAX_DIGITS else math.inf
+    if len(digits) > MAX_DIGITS:
+        return math.copysign(math.inf, -1.0 if digits.startswith("-") else 1.0)
+    number = int(digits)
+    return number if -(1 << 63) <= number < 1 << 63 else float(digits)
 
 
 def _plain(value: Any) -> Any:

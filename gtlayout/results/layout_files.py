@@ -19,6 +19,7 @@ from gtlayout.export.glb import glb_bytes
 from gtlayout.export.ply import ply_bytes
 from gtlayout.instances import Dimension, EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
 from gtlayout.io.files import json_text, read_json, write_all_atomic
+from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
@@ -28,7 +29,7 @@ from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text
 from gtlayout.results.review_file import review_text
 from gtlayout.review.findings import Finding
-from gtlayout.scene import LABELS, FloatArray, Scene
+from gtlayout.scene import LABELS, Scene
 from gtlayout.version import __version__
 
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
@@ -201,24 +202,24 @@ def _read_instance(
     plane = row["plane"]
     if row["label"] not in LABELS:
         raise ValueError(f"unknown label {row['label']!r}")
-    frame = PlaneFrame(_numbers(row["extent"]["origin"]).reshape(3), _numbers(row["extent"]["axes"]).reshape(2, 3))
+    frame = PlaneFrame(reals(row["extent"]["origin"], (3,)), reals(row["extent"]["axes"], (2, 3)))
     return (
         instance,
         Plane(
-            _numbers(plane["normal"]).reshape(3),
-            float(_numbers(plane["d"])),
-            _numbers(plane["covariance"]).reshape(4, 4),
+            reals(plane["normal"], (3,), unknown=True),
+            real(plane["d"], unknown=True),
+            reals(plane["covariance"], (4, 4), most=np.finfo(np.float64).max, unknown=True),
             bool(plane["observable"]),
             plane["note"],
             _read_support(plane["support"]),
-            float(_numbers(plane["sigma_depth"])) if metric else np.nan,
-            _numbers(plane["anchor"]).reshape(3),
+            _sigma(plane["sigma_depth"]) if metric else np.nan,
+            reals(plane["anchor"], (3,)),
         ),
         Extent(
             frame,
             _region(row["extent"]["polygons"], frame),
             _region(row["extent"]["unrefined"], frame),
-            float(row["extent"]["unknown_area"]),
+            real(row["extent"]["unknown_area"], most=MOST**2),
         ),
     )
 
@@ -227,12 +228,12 @@ def _read_support(row: dict[str, Any]) -> Support:
     if row["dominant_evidence"] not in get_args(EvidenceKind):
         raise ValueError(f"unknown support {row['dominant_evidence']!r}")
     return Support(
-        tracks=int(row["tracks"]),
-        survived=float(_numbers(row["survived"])),
-        parallax_deg=float(_numbers(row["parallax_deg"])),
-        outvoted=float(_numbers(row["outvoted"])),
-        contact_edges=int(row["contact_edges"]),
-        edge_px=float(_numbers(row["edge_px"])),
+        tracks=whole(row["tracks"]),
+        survived=real(row["survived"], unknown=True),
+        parallax_deg=real(row["parallax_deg"], unknown=True),
+        outvoted=real(row["outvoted"], unknown=True),
+        contact_edges=whole(row["contact_edges"]),
+        edge_px=real(row["edge_px"], unknown=True),
         dominant_evidence=row["dominant_evidence"],
     )
 
@@ -241,26 +242,26 @@ def _read_dimension(row: dict[str, Any], names: list[str]) -> Dimension:
     if row["kind"] not in ("height", "width"):
         raise ValueError(f"unknown kind of dimension {row['kind']!r}")
     first, second = (names.index(name) for name in row["between"])
-    length, sigma = float(_numbers(row["length"])), float(_numbers(row["sigma"]))
-    return Dimension(first, second, row["kind"], length, sigma, _numbers(row["ends"]).reshape(2, 3))
+    length, sigma = real(row["length"], unknown=True), _sigma(row["sigma"])
+    return Dimension(first, second, row["kind"], length, sigma, reals(row["ends"], (2, 3), unknown=True))
 
 
 def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
-    faces = np.array(data["faces"], dtype=np.int64).reshape(-1, 3)
+    faces = reals(data["faces"], (-1, 3)).astype(np.int64)
     owners = np.array([names.index(name) for name in data["face_instance"]], dtype=np.int64)
-    vertices = _numbers(data["vertices"]).reshape(-1, 3)
+    vertices = reals(data["vertices"], (-1, 3))
     if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
         raise ValueError("the mesh's faces do not fit its vertices or instances")
     return Mesh(vertices, faces, owners)
 
 
-def _numbers(value: Any) -> FloatArray:
-    """An array in which JSON's null is NaN."""
-    return np.asarray(value, dtype=object).astype(np.float64)
+def _sigma(value: Any) -> float:
+    """Of a plane that hardly anything places it may be huge, and null where nothing does."""
+    return real(value, most=np.finfo(np.float64).max, unknown=True)
 
 
 def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:
-    return frame.region([[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons])
+    return frame.region([[reals(ring, (-1, 3)) for ring in rings] for rings in polygons])
 
 
 def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:

@@ -185,17 +185,7 @@ def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) ->
     if _distinct(points_px) < 3:
         repairs.lines.append(f"{where}: polygon with fewer than 3 points dropped")
         return NOTHING
-    few = _few(points_px, view, where, repairs)
-    polygon: BaseGeometry = NOTHING if few is None else shapely.polygons(view.to_file(few))
-    if few is not None and not polygon.is_valid and len(few) > MAX_CROSSING:
-        few = _few(few, view, where, repairs, crosses=True)
-        polygon = NOTHING if few is None or len(few) < 3 else shapely.polygons(view.to_file(few))
-    if few is None:
-        return NOTHING
-    if not polygon.is_valid:
-        polygon = polygonal(_valid(polygon))
-        what = "polygon without area dropped" if polygon.is_empty else "self-crossing polygon repaired"
-        repairs.lines.append(f"{where}: {what}")
+    polygon = _simple(points_px, view, where, repairs)
     if polygon.is_empty:
         return NOTHING
     # Clipped before undistortion: off the image a lens model means nothing.
@@ -215,6 +205,21 @@ def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) ->
         repairs.lines.append(f"{where}: polygon dropped, the lens model has no inverse at one of its points")
         return NOTHING
     return polygonal(_valid(straight) & shapely.box(0, 0, *view.pinhole_size))
+
+
+def _simple(points_px: FloatArray, view: View, where: str, repairs: Repairs) -> BaseGeometry:
+    """The polygon in the image file, without crossings; empty, and said why, where nothing is left."""
+    few = _few(points_px, view, where, repairs)
+    if few is not None and len(few) > MAX_CROSSING and not shapely.polygons(few).is_valid:
+        few = _few(few, view, where, repairs, crosses=True)
+    if few is None or len(few) < 3:
+        return NOTHING
+    polygon: BaseGeometry = shapely.polygons(view.to_file(few))
+    if not polygon.is_valid:
+        polygon = polygonal(_valid(polygon))
+        what = "polygon without area dropped" if polygon.is_empty else "self-crossing polygon repaired"
+        repairs.lines.append(f"{where}: {what}")
+    return polygon
 
 
 def _few(
