@@ -9,11 +9,11 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gtlayout.annotate.serve import annotate as serve
-from gtlayout.cli.console import stdout
+from gtlayout.cli.console import SceneDir, stdout
 
 
 def annotate(
-    scene_dir: Annotated[Path, Parameter(name="DIR")],
+    scene_dir: SceneDir,
     /,
     *,
     cameras: Path | None = None,

@@ -23,13 +23,14 @@ from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
-from gtlayout.results.layout_format import FORMAT, InstanceRow, LayoutFile
+from gtlayout.results.layout_format import FORMAT, DimensionRow, InstanceRow, LayoutFile
 from gtlayout.results.names import LOG_FILE, REPORT_FILE, REVIEW_FILE, TIMINGS_FILE
 from gtlayout.results.refined_cameras import FILE as CAMERAS_FILE
 from gtlayout.results.refined_cameras import refined_cameras_text
 from gtlayout.results.review_file import review_text
 from gtlayout.review.findings import Finding
 from gtlayout.scene import LABELS, Scene
+from gtlayout.solution import Solution
 from gtlayout.version import __version__
 
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
@@ -160,16 +161,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "predicted": quality.predicted,
         "sigma_depth_share": quality.sigma_depth_share,
         "instances": rows,
-        "dimensions": [
-            {
-                "kind": dimension.kind,
-                "between": [layout.instances[i].name for i in (dimension.first, dimension.second)],
-                "length": dimension.length,
-                "sigma": dimension.sigma,
-                "ends": dimension.ends_world,
-            }
-            for dimension in layout.dimensions
-        ],
+        "dimensions": _dimensions(layout),
         "mesh": {
             "vertices": layout.triangles.vertices,
             "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
@@ -177,6 +169,33 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
             "face_instance": [layout.instances[i].name for i in layout.triangles.face_instance],
         },
     }
+
+
+def solution_record(solution: Solution, findings: Sequence[Finding], out_dir: Path) -> dict[str, Any]:
+    """What ``gtlayout solve --json`` prints: ``quality.json``, and what else its text says."""
+    layout = solution.layout
+    return {
+        "results": str(out_dir),
+        **_quality(solution.scene, layout, solution.quality),
+        "unit": "m" if layout.metric else "scene unit",
+        "dimensions": _dimensions(layout),
+        "findings": [{"kind": one.kind, "line": one.line} for one in findings],
+        "notes": list(solution.scene.notes),
+        "seconds": dict(solution.timings_s),
+    }
+
+
+def _dimensions(layout: Layout) -> list[DimensionRow]:
+    return [
+        {
+            "kind": dimension.kind,
+            "between": [layout.instances[i].name for i in (dimension.first, dimension.second)],
+            "length": dimension.length,
+            "sigma": dimension.sigma,
+            "ends": dimension.ends_world,
+        }
+        for dimension in layout.dimensions
+    ]
 
 
 def _elements(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
