@@ -50,4 +50,3 @@ def synth(
             progress.stage("rooms")
             made = make_data_set(out, count, config, given, CPU_COUNT, progress.progress)
             stdout().print(f"Rooms: {out} ({made} made, {count - made} were there)")
-            print_next(stdout(), "batch", out, "--out", "run")
