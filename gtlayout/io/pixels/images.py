@@ -117,11 +117,14 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
 
 
 def _claimed_px(content: bytes) -> int:
-    """How many pixels an image file says it has; 0 when Pillow cannot tell."""
+    """How many pixels an image file says it has, at least; 0 when Pillow cannot tell."""
     with warnings.catch_warnings(), suppress(Exception):  # Pillow raises what its parsers raise.
         warnings.simplefilter("ignore")
-        with Image.open(io.BytesIO(content)) as image:
-            return int(image.width * image.height)
+        try:
+            with Image.open(io.BytesIO(content)) as image:
+                return int(image.width * image.height)
+        except Image.DecompressionBombError:
+            return 2 * (Image.MAX_IMAGE_PIXELS or 0)
     return 0
 
 
