@@ -179,7 +179,7 @@ class KeyFrame:
     """Where the annotator left the image blank on purpose, px."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scene:
     """Everything a solve needs, read-only. Frames are in video order, key frames too."""
 
@@ -192,6 +192,14 @@ class Scene:
     """What the readers skipped or repaired, one line each."""
     notes: tuple[str, ...] = field(default=())
     """What else there is to know, and is in order: drawings that are left out because they are meant to be."""
+
+    def __repr__(self) -> str:
+        elements = sum(len(key_frame.elements) for key_frame in self.key_frames)
+        unit = "metric" if self.metric else "without a unit"
+        return (
+            f"<Scene {self.root}: {len(self.frames)} frames, {len(self.key_frames)} key frames, {elements} elements, "
+            f"{unit}>"
+        )
 
     def frame_of(self, key_frame: int) -> Frame:
         """The frame that key frame number ``key_frame`` annotates."""

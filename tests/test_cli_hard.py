@@ -278,3 +278,9 @@ def test_libraries_write_no_lines_of_their_own(tiny: Path, capfd: pytest.Capture
     assert printed.err == ""
     for name in ("002.png", "003.png"):
         assert f"cannot read image {tiny / 'images' / name}: damaged, or not an image" in printed.out
+
+
+def test_scene_and_layout_are_one_line(solved: tuple[Path, dict[str, Any]]) -> None:
+    scene, layout = load_solved(solved[0])
+    assert repr(scene) == f"<Scene {solved[0]}: 24 frames, 3 key frames, 17 elements, metric>"
+    assert repr(layout) == "<Layout: 7 instances (1 floor, 1 ceiling, 3 wall, 1 door, 1 window), metric>"
