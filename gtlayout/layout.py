@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Layout:
     """A solved room. ``instances``, ``planes`` and ``extents`` have the same order."""
 
@@ -48,6 +49,11 @@ class Layout:
     inferred: tuple[Extent, ...] = ()
     """What closes the room where nobody looked, in the order of the instances and in the frames of ``extents``: a layer
     of its own, of which nothing was seen. Empty where nobody asked for it."""
+
+    def __repr__(self) -> str:
+        labels = Counter(instance.label for instance in self.instances)
+        counted = ", ".join(f"{count} {label}" for label, count in labels.items())
+        return f"<Layout: {len(self.instances)} instances ({counted}), {'metric' if self.metric else 'without a unit'}>"
 
     def mesh(self) -> trimesh.Trimesh:
         """``triangles`` as a trimesh, with label colours on its faces.

@@ -16,6 +16,7 @@ from multiprocessing.process import BaseProcess
 from typing import TypeVar
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.signals import keep_sigterm
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -132,6 +133,7 @@ def _serve(there: Connection, work: Callable[[Item], Result]) -> None:
     # Ctrl-C in a terminal reaches all processes: the one that was started by the user decides what comes of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    keep_sigterm()
     import cv2
 
     cv2.setNumThreads(1)

@@ -180,7 +180,7 @@ class KeyFrame:
     """Where the annotator left the image blank on purpose, px."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scene:
     """Everything a solve needs, read-only. Frames are in video order, key frames too."""
 
@@ -197,6 +197,14 @@ class Scene:
     """What was measured in the room by hand."""
     scale_sigma_share: float | None = None
     """σ of the scale of the cameras' path, as a share of it; None = nobody said."""
+
+    def __repr__(self) -> str:
+        elements = sum(len(key_frame.elements) for key_frame in self.key_frames)
+        unit = "metric" if self.metric else "without a unit"
+        return (
+            f"<Scene {self.root}: {len(self.frames)} frames, {len(self.key_frames)} key frames, {elements} elements, "
+            f"{unit}>"
+        )
 
     def frame_of(self, key_frame: int) -> Frame:
         """The frame that key frame number ``key_frame`` annotates."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING
 
 from gtlayout.camera_errors.findings import CameraDoubt
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     import trimesh
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """The layout, and everything it was made from."""
 
@@ -48,6 +49,23 @@ class Solution:
     """The result of refining the cameras; None without ``refine_cameras``."""
     config: Config = field(default_factory=Config)
     """The configuration of the solve."""
+
+    def __repr__(self) -> str:
+        headline = self.quality.headline
+        return f"<Solution {headline.word}: {headline.reasons[0]}; {self.layout!r}>"
+
+    def _repr_html_(self) -> str:
+        """In notebooks: the verdict, and a row for each instance."""
+        rows = "".join(
+            f"<tr><td>{escape(instance.name)}</td><td>{judged.sigma_normal_deg:.2f}°</td><td>{judged.iou:.3f}</td>"
+            f"<td>{judged.verdict}</td></tr>"
+            for instance, judged in zip(self.layout.instances, self.quality.instances, strict=True)
+        )
+        headline = self.quality.headline
+        return (
+            f"<p><b>{headline.word}</b>: {escape('; '.join(headline.reasons))}</p><table>"
+            f"<tr><th>instance</th><th>σ normal</th><th>IoU</th><th>verdict</th></tr>{rows}</table>"
+        )
 
     @property
     def new_cameras(self) -> bool:

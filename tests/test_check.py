@@ -380,7 +380,10 @@ def test_clean_room_exits_with_0_and_stays_as_it_was(room: Path, capfd: pytest.C
     printed = capfd.readouterr()
     count = sum(len(frame["elements"]) for frame in json.loads((room / "annotations.json").read_text())["frames"])
     frames = len(json.loads((room / "annotations.json").read_text())["frames"])
-    assert printed.out == f"nothing suspicious: 24 frames, {frames} key frames, {count} elements, metric\n"
+    assert printed.out.splitlines() == [
+        f"nothing suspicious: 24 frames, {frames} key frames, {count} elements, metric",
+        f"next: gtlayout solve {room}",
+    ]
     assert printed.err == ""
     assert listing(room) == before
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 import pytest
 import shapely
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon, box
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import AnnotationKind, files_of_kind
@@ -233,3 +234,14 @@ def test_vertices_that_a_hand_has_clicked_stay() -> None:
     clicked = shapely.get_coordinates(shapely.segmentize(Polygon(WALL_PX), 30.0))[:-1]
     assert 40 < len(clicked) < MOST_CLICKED
     np.testing.assert_array_equal(shapely.get_coordinates(_at_the_door(clicked))[:-1], clicked)
+
+
+def test_drawn_twice_is_one() -> None:
+    wall = DrawnElement("wall", MultiPolygon([box(0, 0, 100, 100)]), MultiPolygon(), "a", None, 0)
+    again = replace(wall, amodal=MultiPolygon([box(0, 0, 100, 96)]), visible=MultiPolygon([box(5, 5, 50, 50)]), id="b")
+    others = replace(again, amodal=MultiPolygon([box(0, 0, 100, 88)]), id="c"), replace(again, label="door", id="d")
+    elements, notes = assemble([wall, again, *others], [])
+    assert [element.id for element in elements] == ["a", "c", "d"]
+    assert notes == ["wall b left out: almost the same polygon as wall a"]
+    assert elements[0].amodal.equals(wall.amodal)
+    assert elements[0].visible.equals(again.visible)

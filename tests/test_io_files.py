@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.files import path_inside, read_json, write_atomic, write_json_atomic
+from gtlayout.io.files import (
+    new_folder,
+    path_inside,
+    read_json,
+    write_all_atomic,
+    write_atomic,
+    write_json_atomic,
+)
 
 
 def test_json_is_stable_and_says_null(tmp_path: Path) -> None:
@@ -45,3 +53,42 @@ def test_paths_stay_inside(tmp_path: Path) -> None:
     for bad in ("../b.png", "images/../../b.png", "/etc/passwd", "C:\\b.png", "", ".", "a\0b"):
         with pytest.raises(GtlayoutError, match=r"^f: the path"):
             path_inside(tmp_path, bad, "f")
+
+
+def test_links_stay_and_lead_to_what_is_written(tmp_path: Path) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/there").write_text("old")
+    for name, leads_to in (("link", "elsewhere/there"), ("dangling", "elsewhere/new")):
+        (tmp_path / name).symlink_to(leads_to)
+        write_atomic(tmp_path / name, "new")
+        assert (tmp_path / name).is_symlink()
+        assert (tmp_path / leads_to).read_text() == "new"
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["dangling", "elsewhere", "link", "new", "there"]
+
+
+def test_pipes_and_devices_are_written_to(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_all_atomic({tmp_path / "file": "a", pipe: "through"})
+    assert os.read(reader, 99) == b"through"
+    os.close(reader)
+    assert pipe.is_fifo()
+    (tmp_path / "null").symlink_to(os.devnull)
+    write_atomic(tmp_path / "null", "gone")
+    assert Path(os.devnull).is_char_device()
+    if Path("/dev/full").exists():
+        with pytest.raises(GtlayoutError, match="cannot write /dev/full: No space left"):
+            write_all_atomic({tmp_path / "file": "b", Path("/dev/full"): "x"})
+        assert Path("/dev/full").is_char_device()
+        assert (tmp_path / "file").read_text() == "a"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "null", "pipe"]
+
+
+def test_a_new_folder_behind_a_link(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "link").symlink_to("empty")
+    with new_folder(tmp_path / "link") as filled:
+        (filled / "file").touch()
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "empty/file").exists()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +43,9 @@ def solved(real_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[P
     """Folder of results and the figures of their evaluation."""
     out = tmp_path_factory.mktemp(real_clip.name)
     assert main(["solve", str(real_clip), "--out", str(out)]) == 0
-    figures = out / "evaluation.json"
-    assert main(["evaluate", str(real_clip), "--layout", str(out), "--json", str(figures)]) == 0
-    return out, json.loads(figures.read_text())
+    with redirect_stdout(io.StringIO()) as printed:
+        assert main(["evaluate", str(real_clip), "--layout", str(out), "--json"]) == 0
+    return out, json.loads(printed.getvalue())
 
 
 def test_errors_stay_below_their_ceilings(real_clip: Path, solved: tuple[Path, dict[str, Any]]) -> None:

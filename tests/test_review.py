@@ -23,7 +23,6 @@ from gtlayout.check.annotations import gaps
 from gtlayout.cli.app import main
 from gtlayout.cli.console import print_findings, stdout
 from gtlayout.errors import GtlayoutError
-from gtlayout.io.files import read_json
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import solve
 from gtlayout.results.names import REVIEW_FILE
@@ -209,13 +208,14 @@ def spoiled(room: Path, tmp_path: Path, edit_json: Edit) -> Path:
     return folder
 
 
-def test_review_of_a_folder(spoiled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["review", str(spoiled), "--json", str(tmp_path / "found.json")]) == 3
+def test_review_of_a_folder(spoiled: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["review", str(spoiled)]) == 3
     first, *_, last = capsys.readouterr().out.splitlines()
     name = load_scene(spoiled).frame_of(1).name
     assert first.startswith(f"missing: {name}: the ")
     assert last.endswith(" in 3 drawings")
-    row = read_json(tmp_path / "found.json")["findings"][0]
+    assert main(["review", str(spoiled), "--json"]) == 3
+    row = json.loads(capsys.readouterr().out)["findings"][0]
     assert (row["kind"], row["frame_name"], row["element_id"]) == ("missing", name, None)
     assert not (spoiled / "gtlayout").exists()
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.cli.console import stdout
+from gtlayout.cli.console import SceneDir, stdout
 from gtlayout.extras import needs
 
 with needs("annotate", "gtlayout annotate"):
@@ -16,7 +16,7 @@ with needs("annotate", "gtlayout annotate"):
 
 
 def annotate(
-    scene_dir: Annotated[Path, Parameter(name="DIR")],
+    scene_dir: SceneDir,
     /,
     *,
     cameras: Path | None = None,

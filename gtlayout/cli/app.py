@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
-from cyclopts import App, ArgumentCollection, Parameter, Token
+from cyclopts import App, ArgumentCollection, Group, Parameter, Token
 from cyclopts.validators import Number
 
 from gtlayout.cli.console import (
     FROM_THE_FOLDER,
     SUSPICIOUS,
+    AsJson,
+    Folder,
+    NewFile,
+    NewFolder,
     NotNegative,
     Positive,
+    SceneDir,
     Sources,
     exit_status,
     print_findings,
+    print_next,
     print_notes,
     print_warnings,
     progress_bars,
     stdout,
+    time_limit,
 )
 from gtlayout.errors import GtlayoutError
 from gtlayout.results.names import FOLDER, LOG_FILE, REPORT_FILE
@@ -32,26 +40,49 @@ app = App(
     name="gtlayout",
     help="Room planes with uncertainty, a mesh and a verdict, from posed video and 2D annotations.",
     help_epilogue="Exit status: 0 done, 1 known problem (one line on stderr), 2 wrong usage, 3 something suspicious "
-    "(check, review) or some scenes failed (batch), 130 interrupted.",
+    "(check, review) or some scenes failed (batch), 130 interrupted, 143 terminated.\n\n"
+    "In this order: import, annotate, check, solve, report. gtlayout COMMAND --help shows an example of each.",
     version=__version__,
     suppress_keyboard_interrupt=False,
+    group_commands=Group("This program", sort_key=9),
 )
 
-SceneDir = Annotated[Path, Parameter(name="DIR")]
+MAKE, DRAW, SOLVE, LOOK = (
+    Group(name, sort_key=number)
+    for number, name in enumerate(("Get a scene", "Draw it", "Solve it", "Look at results"))
+)
+MAX_TIMEOUT_S = 1e7
+Command = TypeVar("Command", bound=Callable[..., int | None])
+_DONE = "Exit status: 0 done, 1 known problem, 2 wrong usage"
 
 
-@app.command
+def _in(group: Group, place: int, example: str, status: str = _DONE) -> dict[str, Any]:
+    """Where a command stands in the help, and what ends its own."""
+    return {"group": group, "sort_key": place, "help_epilogue": f"Example: gtlayout {example}\n\n{status}."}
+
+
+def _command(group: Group, place: int, example: str, status: str = _DONE) -> Callable[[Command], Command]:
+    def add(command: Command) -> Command:
+        app.command(command, **_in(group, place, example, status))
+        return command
+
+    return add
+
+
+@_command(SOLVE, 0, "solve room --out room/second")
 def solve(
     scene_dir: SceneDir,
     /,
     *,
-    out: Path | None = None,
+    out: NewFolder | None = None,
     raft_weights: Path | None = None,
     refine_cameras: bool = True,
     rerun: RerunMode = "off",
     restarts: Positive = 1,
     seed: NotNegative = 0,
     loa: Literal[10, 20, 30, 40] = 20,
+    timeout: Annotated[float | None, Parameter(validator=Number(gt=0, lte=MAX_TIMEOUT_S))] = None,
+    json: AsJson = False,
     sources: Sources = FROM_THE_FOLDER,
     verbose: Annotated[bool, Parameter(name=("--verbose", "-v"), negative=())] = False,
 ) -> None:
@@ -83,14 +114,20 @@ def solve(
     loa
         The level of accuracy (USIBD) that surfaces and dimensions are held against: at 95 %, 10 is 15 cm, 20 is 5 cm,
         30 is 15 mm, 40 is 5 mm.
+    timeout
+        Seconds after which the solve is stopped. It then says in which stage, and writes nothing.
     verbose
         Print stage timings and every warning.
     """
-    out_dir = _results_dir(out or scene_dir / FOLDER)
+    out_dir = out or scene_dir / FOLDER
+    if out is None and out_dir.exists() and not out_dir.is_dir():
+        raise GtlayoutError(f"results cannot go to {out_dir}: it is a file, not a folder")
 
     from gtlayout.api import load, save
     from gtlayout.config import Config
+    from gtlayout.io.files import json_text
     from gtlayout.method import solve as solve_scene
+    from gtlayout.results.layout_files import solution_record
     from gtlayout.results.tables import (
         camera_line,
         dimensions,
@@ -105,16 +142,21 @@ def solve(
 
     tracking = TrackingConfig(raft_weights=None if raft_weights is None else str(raft_weights))
     config = Config(tracking=tracking, seed=seed, refine_cameras=refine_cameras, restarts=restarts, loa=loa)
-    scene = load(scene_dir, **vars(sources))
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG_FILE, progress) as observer:
-        solution = solve_scene(scene, config, observer)
-        observer.stage("review")
-        findings = review_drawings(solution)
+        with time_limit(timeout, progress):
+            observer.stage("reading")
+            scene = load(scene_dir, **vars(sources))
+            solution = solve_scene(scene, config, observer)
+            observer.stage("review")
+            findings = review_drawings(solution)
         save(solution, out_dir, findings)
 
     console = stdout()
+    if json:
+        console.print(json_text(solution_record(solution, findings, out_dir)), end="")
+        return
     console.print(headline_text(solution.quality.headline))
-    console.print(instance_table(solution.layout, solution.quality))
+    console.print(instance_table(solution.layout, solution.quality, console.width if console.is_terminal else None))
     for reason in reasons(solution.layout, solution.quality):
         console.print(reason, style="yellow")
     for line in (*dimensions(solution.layout), *measurement_lines(solution.layout)):
@@ -129,15 +171,16 @@ def solve(
             console.print(f"{stage:<16}{seconds:8.2f} s")
     console.print(measures(solution.scene, solution.layout, solution.quality))
     console.print(f"Results: {out_dir}")
+    print_next(console, "report", scene_dir, *(() if out is None else ("--layout", out)))
 
 
-@app.command
+@_command(LOOK, 2, "evaluate room --json > figures.json")
 def evaluate(
     scene_dir: SceneDir,
     /,
     *,
-    layout: Path | None = None,
-    json: Path | None = None,
+    layout: Folder | None = None,
+    json: AsJson = False,
     sources: Sources = FROM_THE_FOLDER,
 ) -> None:
     """Compare a solved layout with the annotations and, where the scene has them, with depth/ and gt_planes.json.
@@ -151,24 +194,23 @@ def evaluate(
         The scene folder.
     layout
         Folder that holds layout.json; DIR/gtlayout when not given.
-    json
-        Write the figures to this file, too.
     """
     from gtlayout.api import load_solved
     from gtlayout.evaluation.evaluate import evaluate as evaluate_layout
-    from gtlayout.io.files import write_json_atomic
+    from gtlayout.io.files import json_text
     from gtlayout.results.tables import evaluation_table, headline_text
 
     evaluation = evaluate_layout(*load_solved(scene_dir, layout, **vars(sources)))
     console = stdout()
+    if json:
+        console.print(json_text(asdict(evaluation)), end="")
+        return
     console.print(headline_text(evaluation.headline))
     console.print(evaluation_table(evaluation))
-    if json is not None:
-        write_json_atomic(json, asdict(evaluation))
 
 
-@app.command
-def check(scene_dir: SceneDir, /, *, sources: Sources = FROM_THE_FOLDER) -> int:
+@_command(DRAW, 1, "check room", f"{_DONE}, 3 something is suspicious")
+def check(scene_dir: SceneDir, /, *, json: AsJson = False, sources: Sources = FROM_THE_FOLDER) -> int:
     """List everything suspicious in a scene folder, before it is solved: one line each, then how many.
 
     It checks images, annotations, whether the cameras fit the images (axes, inverted poses, timestamps), their unit and
@@ -181,26 +223,34 @@ def check(scene_dir: SceneDir, /, *, sources: Sources = FROM_THE_FOLDER) -> int:
     """
     from gtlayout.api import load
     from gtlayout.check import contents, suspicions
+    from gtlayout.io.files import json_text
 
     scene = load(scene_dir, **vars(sources))
     with progress_bars() as progress:
         progress.stage("images")
         found = suspicions(scene, progress.progress)
     console = stdout()
+    if json:
+        counts = {"frames": len(scene.frames), "key_frames": len(scene.key_frames)}
+        counts["elements"] = sum(len(key_frame.elements) for key_frame in scene.key_frames)
+        record = {"warnings": found, "notes": scene.notes, **counts, "metric": scene.metric}
+        console.print(json_text(record), end="")
+        return SUSPICIOUS if found else 0
     for line in found:
         console.print(line, style="yellow")
     print_notes(console, scene.notes)
     counted = f"{len(found)} warning{'s' if len(found) > 1 else ''}" if found else "nothing suspicious"
     console.print(f"{counted}: {contents(scene)}")
+    print_next(console, "solve", scene_dir)
     return SUSPICIOUS if found else 0
 
 
-@app.command
+@_command(LOOK, 1, "view room --web")
 def view(
     scene_dir: SceneDir,
     /,
     *,
-    layout: Path | None = None,
+    layout: Folder | None = None,
     web: Annotated[bool, Parameter(negative=())] = False,
     port: Annotated[int, Parameter(validator=Number(gte=1, lte=65534))] = WEB_PORT,
 ) -> None:
@@ -224,14 +274,14 @@ def view(
         open_log(log)
 
 
-@app.command
+@_command(LOOK, 0, "report room")
 def report(
     scene_dir: SceneDir,
     /,
     *,
-    layout: Path | None = None,
-    against: Path | None = None,
-    out: Path | None = None,
+    layout: Folder | None = None,
+    against: Folder | None = None,
+    out: NewFile | None = None,
     sources: Sources = FROM_THE_FOLDER,
 ) -> None:
     """Write a page about a solved layout: verdict, instances, 3D view, annotated frames, timings, configuration.
@@ -280,6 +330,7 @@ app.command(
     "gtlayout.cli.batch:batch",
     validator=_one_cluster,
     help="Solve every scene in folders of scenes, in parallel; go on where an earlier run was cut short.",
+    **_in(SOLVE, 3, "batch rooms --out run", f"{_DONE}, 3 some scenes failed"),
 )
 
 
@@ -294,6 +345,7 @@ app.command(
     name="synth",
     config=_note_given,
     help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
+    **_in(MAKE, 1, "synth room --frames 24 --width 320 --height 240"),
 )
 
 
@@ -301,12 +353,14 @@ app.command(
     "gtlayout.cli.review:review",
     name="review",
     help="Solve a scene, and list the drawings that are probably wrong, the worst first, by frame and element.",
+    **_in(SOLVE, 1, "review room", f"{_DONE}, 3 something is probably wrong"),
 )
 
 
 app.command(
     "gtlayout.cli.measure:measure",
     name="measure",
+    **_in(SOLVE, 2, "measure room --between floor_0 ceiling_0 2.513"),
     help="Add what was measured in the room by hand, or say what to measure next.",
 )
 
@@ -315,6 +369,7 @@ app.command(
     "gtlayout.cli.export:export",
     name="export",
     help="Write a solved layout for another program: a viewer, CAD, a data set.",
+    **_in(LOOK, 3, "export room --to ifc --out room.ifc"),
 )
 
 
@@ -322,6 +377,7 @@ app.command(
     "gtlayout.cli.serve:serve",
     name="serve",
     help="Propose drawings in Label Studio: a backend for its models, until Ctrl-C.",
+    **_in(DRAW, 3, "serve --label-studio room"),
 )
 
 
@@ -329,6 +385,7 @@ app.command(
     "gtlayout.cli.propose:propose",
     name="propose",
     help="Propose the drawings of frames that are not drawn yet, to be corrected instead of drawn.",
+    **_in(DRAW, 2, "propose room --next 3"),
 )
 
 
@@ -342,6 +399,7 @@ app.command(
     name="import",
     validator=_source_or_labels,
     help="Turn cameras, video and annotations of any known format into a scene folder, undistorted.",
+    **_in(MAKE, 0, "import clip.mp4 room --colmap"),
 )
 
 
@@ -349,17 +407,16 @@ app.command(
     "gtlayout.cli.annotate:annotate",
     name="annotate",
     help="Draw a scene in the browser while it is solved: prints the address of the page, and serves it until Ctrl-C.",
+    **_in(DRAW, 0, "annotate room"),
+)
+
+
+app.register_install_completion_command(
+    help="Have the shell complete commands and options: writes its completion file, and a line in its startup file.",
+    help_flags=[],
 )
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     return exit_status(app, arguments, "interrupted")
-
-
-def _results_dir(out_dir: Path) -> Path:
-    """``out_dir``, checked before the work rather than after it."""
-    if out_dir.exists() and not out_dir.is_dir():
-        msg = f"results cannot go to {out_dir}: it is a file, not a folder"
-        raise GtlayoutError(msg)
-    return out_dir

@@ -14,7 +14,7 @@ from gtlayout.batch.job import Settings
 from gtlayout.batch.progress import RunProgress
 from gtlayout.batch.run_folder import check_free
 from gtlayout.batch.scenes import find_scenes
-from gtlayout.cli.console import NotNegative, Positive, stdout
+from gtlayout.cli.console import NewFolder, NotNegative, Positive, print_next, stdout
 from gtlayout.extras import needs
 from gtlayout.quality.headline import Word
 
@@ -31,7 +31,7 @@ def batch(
     roots: Annotated[tuple[Path, ...], Parameter(name="ROOT", negative=())],
     /,
     *,
-    out: Annotated[Path, Parameter(name="--out")],
+    out: NewFolder,
     scheduler: str | None = None,
     workers: Positive | None = None,
     memory_limit: str | None = None,
@@ -83,5 +83,6 @@ def batch(
     summary += f" ({', '.join(f'{count} {why}' for why, count in failures.most_common())})" if failures else ""
     summary += f"; {counts['accepted']} accepted by their IoU"
     console.print(f"{len(records)} scene{'s' if len(records) > 1 else ''}: {summary}")
-    console.print(f"Results: {out} (gtlayout report {out} makes a page of them)")
+    console.print(f"Results: {out}")
+    print_next(console, "report", out)
     return SOME_FAILED if counts["failed"] else 0

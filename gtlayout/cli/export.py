@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
-
 from gtlayout.api import load_solved
-from gtlayout.cli.console import FROM_THE_FOLDER, Sources, stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, Folder, NewFile, SceneDir, Sources, stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
 from gtlayout.results.names import FOLDER
 
 
 def export(
-    scene_dir: Annotated[Path, Parameter(name="DIR")],
+    scene_dir: SceneDir,
     /,
     *,
     to: Format,
-    out: Path | None = None,
-    layout: Path | None = None,
+    out: NewFile | None = None,
+    layout: Folder | None = None,
     sources: Sources = FROM_THE_FOLDER,
 ) -> None:
     """Write a solved layout for another program: a viewer, CAD, a data set.

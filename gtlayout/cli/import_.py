@@ -8,7 +8,15 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gtlayout.cli.console import FROM_THE_FOLDER, Sources, print_notes, print_warnings, progress_bars, stdout
+from gtlayout.cli.console import (
+    FROM_THE_FOLDER,
+    Sources,
+    print_next,
+    print_notes,
+    print_warnings,
+    progress_bars,
+    stdout,
+)
 from gtlayout.errors import GtlayoutError
 from gtlayout.importing.importing import import_scene
 from gtlayout.io.annotations.labeling import label_config as read_label_config
@@ -86,3 +94,4 @@ def import_(
     print_warnings(console, imported.scene.warnings, verbose)
     print_notes(console, imported.scene.notes)
     console.print(f"Scene: {out}")
+    print_next(console, "check" if imported.scene.key_frames else "annotate", out)

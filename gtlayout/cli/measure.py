@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gtlayout.api import load_solved
-from gtlayout.cli.console import FROM_THE_FOLDER, Sources, stdout
+from gtlayout.cli.console import FROM_THE_FOLDER, SceneDir, Sources, print_next, stdout
 from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json_list, write_json_atomic
@@ -27,7 +27,7 @@ _One = tuple[str, float] | None
 
 
 def measure(
-    scene_dir: Annotated[Path, Parameter(name="DIR")],
+    scene_dir: SceneDir,
     /,
     *,
     between: _Pair = None,
@@ -92,7 +92,7 @@ def measure(
     _append(scene_dir / FILE, scene, new)
     for one in new:
         console.print(f"{one.name} = {one.value:g} {one.unit} ± {one.sigma:g}: written to {scene_dir / FILE}")
-    console.print(f"next: gtlayout solve {scene_dir}")
+    print_next(console, "solve", scene_dir)
 
 
 def _sigma(kind: MeasuredKind) -> float:

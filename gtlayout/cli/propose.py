@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from gtlayout.api import load
-from gtlayout.cli.console import FROM_THE_FOLDER, Positive, Sources, print_notes, print_warnings, progress_bars, stdout
+from gtlayout.cli.console import (
+    FROM_THE_FOLDER,
+    AsJson,
+    NewFolder,
+    Positive,
+    SceneDir,
+    Sources,
+    print_next,
+    print_notes,
+    print_warnings,
+    progress_bars,
+    stdout,
+)
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text
 from gtlayout.io.pixels.images import read_bgr
@@ -23,22 +34,22 @@ from gtlayout.scene import Frame, ImageArray, Scene
 
 
 def propose(
-    scene_dir: Annotated[Path, Parameter(name="DIR")],
+    scene_dir: SceneDir,
     /,
     *,
     frames: Annotated[tuple[str, ...], Parameter(consume_multiple=True, negative=())] = (),
     next: Positive = 1,
     order: Order = "spread",
     to: Tool = "native",
-    out: Path | None = None,
-    json: Annotated[bool, Parameter(negative=())] = False,
+    out: NewFolder | None = None,
+    json: AsJson = False,
     sources: Sources = FROM_THE_FOLDER,
 ) -> None:
     """Propose the drawings of frames that are not drawn yet, to be corrected instead of drawn.
 
     The scene is solved from what is drawn. Polygons, visible parts and occlusion edges of other frames follow from
     the layout, with a score for each element. Native proposals become drafts in annotations.json, which count for
-    nothing until a person confirms them.
+    nothing until a person confirms them. As JSON each edge has its σ and confidence, too.
 
     Parameters
     ----------
@@ -55,8 +66,6 @@ def propose(
         holds the drawings), CVAT's XML, or tasks with predictions for Label Studio.
     out
         Folder for all but drafts in annotations.json; DIR/gtlayout when not given.
-    json
-        Print frames, elements and edges with their σ and confidence, and all warnings, as JSON.
     """
     scene = load(scene_dir, **vars(sources))
     chosen = [_frame_of(scene, name) for name in frames] or list(next_frames(scene, next, order))
@@ -89,6 +98,8 @@ def propose(
     print_warnings(console, [*problems, *solution.scene.warnings], verbose=False)
     print_notes(console, solution.scene.notes)
     console.print(f"Proposals: {path}")
+    if to == "native":
+        print_next(console, "annotate", scene_dir)
 
 
 def _frame_of(scene: Scene, name: str) -> int:

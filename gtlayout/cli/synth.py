@@ -9,7 +9,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 from dask.system import CPU_COUNT
 
-from gtlayout.cli.console import progress_bars, stdout
+from gtlayout.cli.console import print_next, progress_bars, stdout
 from gtlayout.synth import synthesize
 from gtlayout.synth.config import SynthConfig
 from gtlayout.synth.data_set import make_data_set
@@ -45,6 +45,7 @@ def synth(
             progress.stage("synthesis")
             synthesize(out, config, progress.progress)
             stdout().print(f"Scene: {out}")
+            print_next(stdout(), "check", out)
         else:
             progress.stage("rooms")
             made = make_data_set(out, count, config, given, CPU_COUNT, progress.progress)

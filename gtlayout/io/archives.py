@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import IO
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.limits import FILE_MB
 
 MAX_BYTES = 1 << 28
 """Of a file in a zip: 256 MiB, more than any drawing takes; a zip of a few kilobytes can claim any size."""
@@ -71,9 +72,18 @@ def open_bytes(path: Path) -> Iterator[IO[bytes]]:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file, or of one in a zip. Raises GtlayoutError naming it when it cannot be read."""
+    """The content of a file, or of one in a zip.
+
+    Raises GtlayoutError naming it when it cannot be read, or is too large.
+    """
+    parts, size = [], 0
     with open_bytes(path) as file:
-        return file.read()
+        # In pieces: a device has no end, and reading so many bytes at once makes room for all of them.
+        while part := file.read(1 << 20):
+            parts.append(part)
+            size += len(part)
+            FILE_MB.check(size / 1e6, f"cannot read {path}")
+    return b"".join(parts)
 
 
 @contextmanager

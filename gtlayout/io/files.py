@@ -21,6 +21,8 @@ from gtlayout.io.archives import read_bytes
 MAX_NAME_BYTES, MAX_PATH_BYTES = 240, 1024
 """Of a file's name and of its path in the scene folder, so that with extension and folder a file system takes them."""
 
+LONG_NUMBER = re.compile(rb"[0-9]{19}")
+"""Digits of a whole number that may not fit into 64 bits."""
 MAX_DIGITS = 400
 """Of a whole number; no float is that large."""
 
@@ -36,24 +38,37 @@ def write_atomic(path: Path, content: bytes | str) -> None:
 def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
     """Write several files, in order: all are complete beside their places before the first takes its own.
 
-    Raises GtlayoutError when a folder or the disk does not take one of them; all are then as they were.
+    A link stays, and what it leads to is written. Devices and pipes are written to, not replaced.
+
+    Raises GtlayoutError when a folder or the disk does not take one of them; all files are then as they were.
     """
-    temporaries = {path: path.with_name(f".{path.name}.{os.getpid()}.tmp") for path in contents}
+    as_bytes = {path: content.encode() if isinstance(content, str) else content for path, content in contents.items()}
+    places = {path: Path(os.path.realpath(path)) for path in contents if not _takes_a_stream(path)}
+    temporaries = {path: place.with_name(f".{place.name}.{os.getpid()}.tmp") for path, place in places.items()}
     path = Path()
     try:
-        for path, content in contents.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
+        for path, temporary in temporaries.items():
+            temporary.parent.mkdir(parents=True, exist_ok=True)
             if path.is_dir():
                 raise GtlayoutError(f"cannot write {path}: a folder is in its place")
-            temporaries[path].write_bytes(content.encode() if isinstance(content, str) else content)
+            temporary.write_bytes(as_bytes[path])
+        for path in [path for path in contents if path not in places]:
+            path.write_bytes(as_bytes[path])
         for path, temporary in temporaries.items():
-            temporary.replace(path)
+            temporary.replace(places[path])
     except OSError as error:
         raise GtlayoutError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         for temporary in temporaries.values():
             with suppress(OSError):
                 temporary.unlink()
+
+
+def _takes_a_stream(path: Path) -> bool:
+    """Whether it is a device, a pipe or a socket, or leads to one: no file can take its place."""
+    if path.absolute().parts[:2] in (("/", "dev"), ("/", "proc")):
+        return path.exists()  # /dev/stdout may lead to a file that is being written to
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 @contextmanager
@@ -64,6 +79,7 @@ def new_folder(out: Path) -> Iterator[Path]:
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
+    out = Path(os.path.realpath(out))  # a link to an empty folder stays one
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
@@ -139,18 +155,18 @@ def _parsed(path: Path) -> Any:
     """In UTF-8, UTF-16 or UTF-32, with a byte-order mark or without. The file may lie in a zip."""
     content = read_bytes(path)
     try:
-        return json.loads(content)
+        # Python makes whole numbers of any size, or refuses, and others cannot take them: they become floats.
+        long = LONG_NUMBER.search(content) is not None or b"\0" in content
+        return json.loads(content, parse_int=_whole_number if long else None)
     except (ValueError, RecursionError) as error:
-        problem = error
-    try:
-        # One number of thousands of digits, which Python refuses to make, must not cost the whole file.
-        return json.loads(content, parse_int=_whole_number)
-    except (ValueError, RecursionError):
-        raise GtlayoutError(f"{path} is not valid JSON: {problem}") from problem
+        raise GtlayoutError(f"{path} is not valid JSON: {error}") from error
 
 
 def _whole_number(digits: str) -> float:
-    return int(digits) if len(digits) <= MAX_DIGITS else math.inf
+    if len(digits) > MAX_DIGITS:
+        return math.copysign(math.inf, -1.0 if digits.startswith("-") else 1.0)
+    number = int(digits)
+    return number if -(1 << 63) <= number < 1 << 63 else float(digits)
 
 
 def _plain(value: Any) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import read_json
+from gtlayout.io.numbers import real, reals
 from gtlayout.scene import FloatArray, Scene
 
 FILE = "gt_planes.json"
@@ -82,10 +83,10 @@ def read_truth(scene: Scene) -> Truth | None:
 def _plane(plane: dict[str, object]) -> TruePlane:
     if plane["normal"] is None:
         return TruePlane(np.full(3, np.nan), np.nan, False)
-    normal = np.asarray(plane["normal"], dtype=np.float64).reshape(3)
-    length, d = float(np.linalg.norm(normal)), float(plane["d"])  # type: ignore[arg-type]
-    if not (0 < length < np.inf and np.isfinite(d)):
-        raise ValueError(f"normal {plane['normal']} and d {plane['d']} are no plane")
+    normal, d = reals(plane["normal"], (3,)), real(plane["d"])
+    length = float(np.linalg.norm(normal))
+    if length == 0.0:
+        raise ValueError(f"normal {plane['normal']} is none")
     # Files round: a normal with six digits is off unit length by enough to look like an angle of 0.07°.
     return TruePlane(normal / length, d / length, bool(plane.get("from_depth", True)), _extent(plane.get("extent")))
 
@@ -94,8 +95,7 @@ def _extent(polygons: Any) -> tuple[tuple[FloatArray, ...], ...] | None:
     """Rings from nested lists of numbers."""
     if polygons is None:
         return None
-    rings = tuple(tuple(np.asarray(ring, dtype=np.float64) for ring in polygon) for polygon in polygons)
-    for ring in (ring for polygon in rings for ring in polygon):
-        if ring.ndim != 2 or ring.shape[1] != 3 or len(ring) < 3 or not np.isfinite(ring).all():
-            raise ValueError("a ring of its extent is no list of at least 3 points [x, y, z]")
+    rings = tuple(tuple(reals(ring, (-1, 3)) for ring in polygon) for polygon in polygons)
+    if any(len(ring) < 3 for polygon in rings for ring in polygon):
+        raise ValueError("a ring of its extent is no list of at least 3 points [x, y, z]")
     return rings

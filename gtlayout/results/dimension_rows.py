@@ -9,6 +9,7 @@ import numpy as np
 
 from gtlayout.accuracy import UPPER_ENDS_M, Accuracy, Status
 from gtlayout.instances import Dimension, DimensionKind, NextMeasurement, Quantity, QuantityKind
+from gtlayout.io.numbers import real, reals
 from gtlayout.layout import Layout
 from gtlayout.measurement import Checked, MeasuredKind, Measurement, Scale
 from gtlayout.results.layout_format import (
@@ -19,7 +20,6 @@ from gtlayout.results.layout_format import (
     QuantityRow,
     ScaleRow,
 )
-from gtlayout.scene import FloatArray
 
 
 def accuracy_row(accuracy: Accuracy | None) -> AccuracyRow | None:
@@ -111,9 +111,7 @@ def read_accuracy(row: dict[str, Any] | None) -> Accuracy | None:
         return None
     level = _one_of(row["level"], (0, *UPPER_ENDS_M), "level of accuracy")
     wanted = _one_of(row["wanted"], tuple(UPPER_ENDS_M), "level of accuracy")
-    return Accuracy(
-        numbers(row["error_95_m"]).item(), level, _one_of(row["status"], get_args(Status), "status"), wanted
-    )
+    return Accuracy(read_sigma(row["error_95_m"]), level, _one_of(row["status"], get_args(Status), "status"), wanted)
 
 
 def read_dimension(row: dict[str, Any], names: Sequence[str]) -> Dimension:
@@ -123,9 +121,9 @@ def read_dimension(row: dict[str, Any], names: Sequence[str]) -> Dimension:
         first,
         second,
         _one_of(row["kind"], get_args(DimensionKind), "kind of dimension"),
-        numbers(row["length"]).item(),
-        numbers(row["sigma"]).item(),
-        numbers(row["ends"]).reshape(2, 3),
+        real(row["length"], unknown=True),
+        read_sigma(row["sigma"]),
+        reals(row["ends"], (2, 3), unknown=True),
         read_accuracy(row["accuracy"]),
     )
 
@@ -135,8 +133,8 @@ def read_quantity(row: dict[str, Any], names: Sequence[str]) -> Quantity:
     return Quantity(
         _one_of(row["kind"], get_args(QuantityKind), "kind of quantity"),
         tuple(names.index(name) for name in row["of"]),
-        numbers(row["amount"]).item(),
-        numbers(row["sigma"]).item(),
+        real(row["amount"], unknown=True),
+        read_sigma(row["sigma"]),
         bool(row["closed"]),
     )
 
@@ -146,12 +144,12 @@ def read_measurement(row: dict[str, Any]) -> Checked:
     measurement = Measurement(
         _one_of(row["kind"], get_args(MeasuredKind), "kind of measurement"),
         tuple(str(name) for name in row["of"]),
-        numbers(row["value"]).item(),
-        numbers(row["sigma"]).item(),
+        real(row["value"], unknown=True),
+        read_sigma(row["sigma"]),
         assumed=bool(row["assumed"]),
     )
     return Checked(
-        measurement, numbers(row["predicted"]).item(), numbers(row["predicted_sigma"]).item(), bool(row["used"])
+        measurement, real(row["predicted"], unknown=True), read_sigma(row["predicted_sigma"]), bool(row["used"])
     )
 
 
@@ -159,12 +157,12 @@ def read_scale(row: dict[str, Any] | None) -> Scale | None:
     """The inverse of ``scale_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
     if row is None:
         return None
-    return Scale(numbers(row["factor"]).item(), numbers(row["sigma_share"]).item(), bool(row["gave_unit"]))
+    return Scale(real(row["factor"], unknown=True), real(row["sigma_share"], unknown=True), bool(row["gave_unit"]))
 
 
-def numbers(value: Any) -> FloatArray:
-    """An array in which JSON's null is NaN."""
-    return np.asarray(value, dtype=object).astype(np.float64)
+def read_sigma(value: Any) -> float:
+    """A σ. Of a plane that hardly anything places it may be huge, and null where nothing does."""
+    return real(value, most=np.finfo(np.float64).max, unknown=True)
 
 
 def _one_of(value: Any, known: Sequence[Any], what: str) -> Any:

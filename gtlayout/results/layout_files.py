@@ -21,6 +21,7 @@ from gtlayout.export.glb import glb_bytes
 from gtlayout.export.ply import ply_bytes
 from gtlayout.instances import EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
 from gtlayout.io.files import json_text, read_json, write_all_atomic
+from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
@@ -29,7 +30,6 @@ from gtlayout.results.dimension_rows import (
     dimension_rows,
     measurement_rows,
     next_row,
-    numbers,
     quantity_rows,
     read_accuracy,
     read_dimension,
@@ -37,6 +37,7 @@ from gtlayout.results.dimension_rows import (
     read_next,
     read_quantity,
     read_scale,
+    read_sigma,
     scale_row,
 )
 from gtlayout.results.evidence import EvidenceSeen
@@ -48,6 +49,7 @@ from gtlayout.results.refined_cameras import refined_cameras_text, with_refined_
 from gtlayout.results.review_file import review_text
 from gtlayout.review.findings import Finding
 from gtlayout.scene import LABELS, Scene
+from gtlayout.solution import Solution
 from gtlayout.version import __version__
 
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
@@ -222,6 +224,24 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
     }
 
 
+def solution_record(solution: Solution, findings: Sequence[Finding], out_dir: Path) -> dict[str, Any]:
+    """What ``gtlayout solve --json`` prints: ``quality.json``, and what else its text says."""
+    layout = solution.layout
+    return {
+        "results": str(out_dir),
+        **_quality(solution.scene, layout, solution.quality),
+        "unit": "m" if layout.metric else "scene unit",
+        "dimensions": dimension_rows(layout),
+        "quantities": quantity_rows(layout),
+        "scale": scale_row(layout),
+        "measurements": measurement_rows(layout),
+        "next_measurement": next_row(layout),
+        "findings": [{"kind": one.kind, "line": one.line} for one in findings],
+        "notes": list(solution.scene.notes),
+        "seconds": dict(solution.timings_s),
+    }
+
+
 def _elements(scene: Scene) -> dict[tuple[str, str], tuple[int, int]]:
     """(image, element id) → (key frame index, element index)."""
     return {
@@ -245,24 +265,24 @@ def _read_instance(
     plane = row["plane"]
     if row["label"] not in LABELS:
         raise ValueError(f"unknown label {row['label']!r}")
-    frame = PlaneFrame(numbers(row["extent"]["origin"]).reshape(3), numbers(row["extent"]["axes"]).reshape(2, 3))
+    frame = PlaneFrame(reals(row["extent"]["origin"], (3,)), reals(row["extent"]["axes"], (2, 3)))
     return (
         instance,
         Plane(
-            numbers(plane["normal"]).reshape(3),
-            float(numbers(plane["d"])),
-            numbers(plane["covariance"]).reshape(4, 4),
+            reals(plane["normal"], (3,), unknown=True),
+            real(plane["d"], unknown=True),
+            reals(plane["covariance"], (4, 4), most=np.finfo(np.float64).max, unknown=True),
             bool(plane["observable"]),
             plane["note"],
             _read_support(plane["support"]),
-            float(numbers(plane["sigma_depth"])) if metric else np.nan,
-            numbers(plane["anchor"]).reshape(3),
+            read_sigma(plane["sigma_depth"]) if metric else np.nan,
+            reals(plane["anchor"], (3,)),
         ),
         Extent(
             frame,
             _region(row["extent"]["polygons"], frame),
             _region(row["extent"]["unrefined"], frame),
-            float(row["extent"]["unknown_area"]),
+            real(row["extent"]["unknown_area"], most=MOST**2),
         ),
     )
 
@@ -277,27 +297,27 @@ def _read_support(row: dict[str, Any]) -> Support:
     if row["dominant_evidence"] not in get_args(EvidenceKind):
         raise ValueError(f"unknown support {row['dominant_evidence']!r}")
     return Support(
-        tracks=int(row["tracks"]),
-        survived=float(numbers(row["survived"])),
-        parallax_deg=float(numbers(row["parallax_deg"])),
-        outvoted=float(numbers(row["outvoted"])),
-        contact_edges=int(row["contact_edges"]),
-        edge_px=float(numbers(row["edge_px"])),
+        tracks=whole(row["tracks"]),
+        survived=real(row["survived"], unknown=True),
+        parallax_deg=real(row["parallax_deg"], unknown=True),
+        outvoted=real(row["outvoted"], unknown=True),
+        contact_edges=whole(row["contact_edges"]),
+        edge_px=real(row["edge_px"], unknown=True),
         dominant_evidence=row["dominant_evidence"],
     )
 
 
 def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
-    faces = np.array(data["faces"], dtype=np.int64).reshape(-1, 3)
+    faces = reals(data["faces"], (-1, 3)).astype(np.int64)
     owners = np.array([names.index(name) for name in data["face_instance"]], dtype=np.int64)
-    vertices = numbers(data["vertices"]).reshape(-1, 3)
+    vertices = reals(data["vertices"], (-1, 3))
     if len(owners) != len(faces) or not np.isin(faces, np.arange(len(vertices))).all():
         raise ValueError("the mesh's faces do not fit its vertices or instances")
     return Mesh(vertices, faces, owners)
 
 
 def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:
-    return frame.region([[np.asarray(ring, dtype=np.float64) for ring in rings] for rings in polygons])
+    return frame.region([[reals(ring, (-1, 3)) for ring in rings] for rings in polygons])
 
 
 def _quality(scene: Scene, layout: Layout, quality: Quality) -> dict[str, Any]:

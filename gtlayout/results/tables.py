@@ -21,17 +21,26 @@ from gtlayout.scene import Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 
 _COLUMNS = ("instance", "area", "frames", "tracks", "σ normal", "σ depth", "LOA", "IoU", "verdict")
+_LEAST_NEEDED_FIRST = ("frames", "tracks", "area", "LOA", "σ normal", "IoU")
+"""Columns that a narrow terminal does without."""
 _STYLES = {"ok": "green", "weak": "yellow", "unobservable": "red"}
 _HEADLINE_STYLES = {"trust": "bold green", "check": "bold yellow", "redo": "bold red"}
 
 
-def instance_table(layout: Layout, quality: Quality) -> Table:
-    """One row per instance; fits 80 columns."""
-    table = Table(box=SIMPLE, padding=0, show_edge=False)
-    for column in _COLUMNS:
+def instance_table(layout: Layout, quality: Quality, width: int | None = None) -> Table:
+    """One row per instance; in ``width`` columns, where it is given, by leaving out what is needed least."""
+    rows = _rows(layout, quality)
+    widths = {cells[0]: max(map(len, cells)) for cells in zip(_COLUMNS, *rows, strict=True)}
+    shown = list(_COLUMNS)
+    for column in _LEAST_NEEDED_FIRST:
+        if width is not None and sum(widths[name] + 1 for name in shown) - 1 > width:
+            shown.remove(column)
+    table = Table(box=SIMPLE, padding=0, show_edge=False, width=sum(widths[name] + 1 for name in shown) - 1)
+    for column in shown:
         table.add_column(column, no_wrap=True, justify="left" if column in ("instance", "verdict") else "right")
-    for row, judged in zip(_rows(layout, quality), quality.instances, strict=True):
-        table.add_row(*row, style=_STYLES[judged.verdict] if judged.verdict != "ok" else None)
+    for row, judged in zip(rows, quality.instances, strict=True):
+        cells = [cell for name, cell in zip(_COLUMNS, row, strict=True) if name in shown]
+        table.add_row(*cells, style=_STYLES[judged.verdict] if judged.verdict != "ok" else None)
     return table
 
 

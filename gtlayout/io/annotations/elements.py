@@ -15,6 +15,8 @@ from gtlayout.scene import OPENINGS, Element, Label
 
 _SAME_PX2 = 0.75
 """Overlaps that differ by less are a tie; corners on half pixels make areas that differ by quarters, halves or more."""
+TWICE_IOU = 0.9
+"""Two elements of one label with this IoU are one that was drawn twice."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ def assemble(drawn: Sequence[DrawnElement], visible: Sequence[DrawnVisible]) -> 
     Elements that share id and label, or group and label, become one. A visible part goes to the element it names,
     else to the one of its group, or of all, that it overlaps most; if that is a tie, to the smallest. Where elements of
     different ``z_order`` overlap, the lower one ends. Doors and windows lie in their walls, whatever their order is.
+    Of elements that were drawn twice the first stays.
     Elements without a name of their own are called ``wall_1`` and so on.
     """
     whole = _put_together(drawn)
@@ -64,7 +67,36 @@ def assemble(drawn: Sequence[DrawnElement], visible: Sequence[DrawnVisible]) -> 
             notes.append(f"element {name}: elements with a higher z-order cover all of it, dropped")
             continue
         elements.append(Element(name, element.label, amodal, _union(parts)))
-    return tuple(elements), notes
+    once, doubles = _once(elements)
+    return once, [*notes, *doubles]
+
+
+def _once(elements: Sequence[Element]) -> tuple[tuple[Element, ...], list[str]]:
+    """Of elements that were drawn twice the first, with the visible parts of both, and what was left out.
+
+    Each would be an instance of its own, which hides the other.
+    """
+    kept: list[Element] = []
+    notes = []
+    for element in elements:
+        for i, other in enumerate(kept):
+            if other.label == element.label and _iou(other.amodal, element.amodal) > TWICE_IOU:
+                kept[i] = replace(other, visible=_union([other.visible, element.visible]))
+                notes.append(
+                    f"{element.label} {element.id} left out: almost the same polygon as {element.label} {other.id}"
+                )
+                break
+        else:
+            kept.append(element)
+    return tuple(kept), notes
+
+
+def _iou(one: MultiPolygon, other: MultiPolygon) -> float:
+    largest, smallest = max(one.area, other.area), min(one.area, other.area)
+    if smallest <= TWICE_IOU * largest:
+        return smallest / largest
+    both = one.intersection(other).area
+    return float(both / (one.area + other.area - both))
 
 
 def _put_together(drawn: Sequence[DrawnElement]) -> list[DrawnElement]:

@@ -15,6 +15,7 @@ from gtlayout.io.annotations.labels import FILE_NAME as LABELS_FILE
 from gtlayout.io.annotations.labels import Kind, label_meanings, meaning
 from gtlayout.io.annotations.outlines import MAX_STRETCH, Repairs, View, polyline, region, united
 from gtlayout.io.sources import RawAnnotations, RawKeyFrame
+from gtlayout.limits import ELEMENTS
 from gtlayout.scene import LABELS, FloatArray, Frame, KeyFrame
 
 
@@ -41,6 +42,9 @@ def build_key_frames(
         index = match.index
         if index in by_frame:
             skipped.append(f"image {raw.image} is annotated twice, the first time counts")
+            continue
+        if why := ELEMENTS.exceeded(len(raw.shapes)):
+            skipped.append(f"{raw.image} skipped: {why}")
             continue
         view = View.of(raw.image, frames[index], raw.image_size, on_video=match.on_video)
         if problem := _other_shape(view):

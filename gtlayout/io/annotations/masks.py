@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
+from gtlayout.io.pixels.png import plain_png
 from gtlayout.scene import BoolArray, FloatArray, ImageArray, IntArray
 
 SIMPLIFY_PX = 0.25
@@ -28,10 +29,12 @@ def decode_mask(png: bytes) -> ImageArray:
     width, height = struct.unpack_from(">II", png, len(PNG_HEAD))
     if width * height > MAX_MASK_PX:
         raise ValueError(f"claims to have more than {MAX_MASK_PX} pixels")
-    if not _chunks_fit(png):
+    # OpenCV would make room for 2 GB before it notices that a chunk claims to be longer than what is left.
+    plain = plain_png(png)
+    if plain is None:
         raise ValueError("is a damaged image")
     try:
-        mask = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+        mask = cv2.imdecode(np.frombuffer(plain, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         mask = None
     if mask is None:
@@ -70,15 +73,6 @@ def boxes_polygons(boxes: IntArray) -> MultiPolygon:
     ]
     simple = shapely.simplify(outlines, SIMPLIFY_PX)
     return MultiPolygon([part for part in simple if isinstance(part, Polygon) and not part.is_empty])
-
-
-def _chunks_fit(png: bytes) -> bool:
-    """Whether no chunk claims to be longer than what is left: OpenCV would make room for 2 GB before it notices."""
-    place, kind = len(PNG_HEAD) - 8, b""
-    while kind != b"IEND" and place + 8 <= len(png):
-        length, kind = struct.unpack_from(">I4s", png, place)
-        place += length + 12
-    return kind == b"IEND" and place <= len(png)
 
 
 def _refuse_noise(runs: int) -> None:

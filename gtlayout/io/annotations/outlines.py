@@ -10,6 +10,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.io.annotations.coarser import MAX_CROSSING, few_crossings, few_points, few_vertices
 from gtlayout.io.cameras.undistort import Undistortion
 from gtlayout.io.cameras.upright import Upright
 from gtlayout.io.pixels.turn import AS_STORED
@@ -125,9 +126,13 @@ def region(polygons: Sequence[FloatArray], view: View, where: str, repairs: Repa
 
     ``where`` begins the messages about them.
     """
-    pieces = [_polygon(view.to_file(points_px), view, where, repairs) for points_px in polygons]
-    whole = united([piece for piece in pieces if not piece.is_empty])
-    return without_redundant_vertices(whole, REDUNDANT_PX * view.annotation_scale)
+    pieces = [_polygon(points_px, view, where, repairs) for points_px in polygons]
+    tolerance_px = REDUNDANT_PX * view.annotation_scale
+    whole = without_redundant_vertices(united([piece for piece in pieces if not piece.is_empty]), tolerance_px)
+    few = few_vertices(whole, tolerance_px)
+    if few is not whole:
+        repairs.lines.append(f"{where}: {_coarser(shapely.get_num_coordinates(whole), 'vertices', few is not None)}")
+    return NOTHING if few is None else few
 
 
 def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatArray]:
@@ -136,7 +141,10 @@ def polyline(points_px: FloatArray, view: View, repairs: Repairs) -> list[FloatA
         repairs.lines.append(f"{view.name}: occlusion edge with fewer than 2 points dropped")
         return []
     image = shapely.box(0, 0, *view.file_size)
-    line: BaseGeometry = LineString(view.to_file(points_px))
+    few = _few(points_px, view, f"{view.name}, occlusion edge", repairs, crosses=True)
+    if few is None:
+        return []
+    line: BaseGeometry = LineString(view.to_file(few))
     if not image.covers(line):
         line = shapely.line_merge(line & image)
     pieces = [
@@ -177,11 +185,7 @@ def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) ->
     if _distinct(points_px) < 3:
         repairs.lines.append(f"{where}: polygon with fewer than 3 points dropped")
         return NOTHING
-    polygon: BaseGeometry = shapely.polygons(points_px)
-    if not polygon.is_valid:
-        polygon = polygonal(_valid(polygon))
-        what = "polygon without area dropped" if polygon.is_empty else "self-crossing polygon repaired"
-        repairs.lines.append(f"{where}: {what}")
+    polygon = _simple(points_px, view, where, repairs)
     if polygon.is_empty:
         return NOTHING
     # Clipped before undistortion: off the image a lens model means nothing.
@@ -201,6 +205,38 @@ def _polygon(points_px: FloatArray, view: View, where: str, repairs: Repairs) ->
         repairs.lines.append(f"{where}: polygon dropped, the lens model has no inverse at one of its points")
         return NOTHING
     return polygonal(_valid(straight) & shapely.box(0, 0, *view.pinhole_size))
+
+
+def _simple(points_px: FloatArray, view: View, where: str, repairs: Repairs) -> BaseGeometry:
+    """The polygon in the image file, without crossings; empty, and said why, where nothing is left."""
+    few = _few(points_px, view, where, repairs)
+    if few is not None and len(few) > MAX_CROSSING and not shapely.polygons(few).is_valid:
+        few = _few(few, view, where, repairs, crosses=True)
+    if few is None or len(few) < 3:
+        return NOTHING
+    polygon: BaseGeometry = shapely.polygons(view.to_file(few))
+    if not polygon.is_valid:
+        polygon = polygonal(_valid(polygon))
+        what = "polygon without area dropped" if polygon.is_empty else "self-crossing polygon repaired"
+        repairs.lines.append(f"{where}: {what}")
+    return polygon
+
+
+def _few(
+    points_px: FloatArray, view: View, where: str, repairs: Repairs, *, crosses: bool = False
+) -> FloatArray | None:
+    """The (N, 2) points as drawn, or fewer where they are too many; None, and why, where fewer are another shape."""
+    scale = view.annotated_size[0] / view.pinhole_size[0]
+    few = (few_crossings if crosses else few_points)(points_px, REDUNDANT_PX * view.annotation_scale * scale)
+    if few is None or len(few) < len(points_px):
+        what = "points, of lines that cross each other" if crosses else "points"
+        repairs.lines.append(f"{where}: {_coarser(len(points_px), what, few is not None)}")
+    return few
+
+
+def _coarser(number: int, what: str, could_be: bool) -> str:
+    """What became of an outline of too many points."""
+    return f"outline of {number} {what} {'made coarser' if could_be else 'dropped: draw it with fewer'}"
 
 
 def _same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:

@@ -22,6 +22,7 @@ from gtlayout.io.pixels.images import decode
 from gtlayout.io.pixels.registration import Pinhole, Registration
 from gtlayout.io.pixels.turn import AS_STORED, Header
 from gtlayout.io.sources import PosedImage, on_disk, usable
+from gtlayout.limits import FRAMES
 from gtlayout.scene import Camera, Frame
 
 MIN_FRAMES = 3
@@ -39,6 +40,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     per image size are decoded; whether the others can be read shows when they are used.
     Raises GtlayoutError when no or hardly any image is left.
     """
+    FRAMES.check(len(images), str(root))
     files = FilesOnDisk()
     kept, warnings = _without_doubles(sorted(images, key=lambda image: natural(image.name)), root)
     ordered = on_disk(kept, files)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -10,12 +12,18 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.heif import SUFFIXES as HEIF_SUFFIXES
 from gtlayout.io.pixels.heif import decode_heif, is_heif
+from gtlayout.io.pixels.png import SIGNATURE, plain_png
 from gtlayout.io.pixels.turn import read_header
+from gtlayout.limits import IMAGE_MP
 from gtlayout.scene import Frame, ImageArray
+
+# What cannot be read is said here, in one line; OpenCV would write several of its own.
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 MM_PER_UNIT = 1000.0
 SATURATED = np.iinfo(np.uint16).max
@@ -84,9 +92,13 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
     Raises GtlayoutError when the file is missing, empty, cut off or no image.
     """
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        content = path.read_bytes()
     except OSError as error:
         raise GtlayoutError(f"cannot read image {path}: {error.strerror or error}") from error
+    IMAGE_MP.check(_claimed_px(content) / 1e6, f"cannot read image {path}")
+    if content.startswith(SIGNATURE):
+        content = plain_png(content) or b""
+    data = np.frombuffer(content, dtype=np.uint8)
     if is_heif(data[:12].tobytes()) or path.suffix.lower() in HEIF_SUFFIXES:
         bgr = decode_heif(path, data.tobytes())
         return cv2.cvtColor(bgr, FROM_BGR[mode]) if mode in FROM_BGR else bgr
@@ -102,6 +114,18 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
         # OpenCV turns these, whatever it is asked for.
         return header.turn.inverse.image(image)
     return image
+
+
+def _claimed_px(content: bytes) -> int:
+    """How many pixels an image file says it has, at least; 0 when Pillow cannot tell."""
+    with warnings.catch_warnings(), suppress(Exception):  # Pillow raises what its parsers raise.
+        warnings.simplefilter("ignore")
+        try:
+            with Image.open(io.BytesIO(content)) as image:
+                return int(image.width * image.height)
+        except Image.DecompressionBombError:
+            return 2 * (Image.MAX_IMAGE_PIXELS or 0)
+    return 0
 
 
 def stored_bgr(frame: Frame) -> npt.NDArray[Any]:
