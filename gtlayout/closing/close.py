@@ -1,0 +1,69 @@
+"""What closes a room where nobody looked, from its solution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from shapely import MultiPolygon
+
+from gtlayout.closing.config import ClosingConfig
+from gtlayout.closing.contradicted import contradicted
+from gtlayout.closing.covering import covering
+from gtlayout.closing.free_space import sights
+from gtlayout.closing.plan import Plan
+from gtlayout.closing.standing import standing
+from gtlayout.closing.storey import Storey
+from gtlayout.export.floor_level import floor_frame
+from gtlayout.geometry.depth import median_depth
+from gtlayout.geometry.polygons import grid_for, polygons
+from gtlayout.instances import Extent
+from gtlayout.solution import Solution
+
+
+def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
+    """The solution with ``layout.inferred``: for each instance what closes the room where nobody looked.
+
+    It is a layer of its own, apart from the extents. Nothing else of the solution changes: quality, dimensions and mesh
+    are those of what was seen.
+    """
+    config = config or ClosingConfig()
+    scene, layout, extent_config = solution.scene, solution.layout, solution.config.extent
+    shown = tuple(
+        i
+        for i, (instance, plane, extent) in enumerate(zip(layout.instances, layout.planes, layout.extents, strict=True))
+        if instance.host is None and plane.observable and not extent.region.is_empty
+    )
+    depth = median_depth(scene, layout.instances, layout.planes)
+    max_depth, grid = extent_config.max_depth_ratio * depth, grid_for(depth)
+    plan = Plan(floor_frame(scene, layout, shown)[0])
+    eyes = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
+    seen = sights(
+        scene, plan, layout.instances, layout.planes, layout.extents, shown, max_depth, extent_config
+    )
+    height = float((eyes - plan.frame.origin) @ plan.up)
+    storey = Storey.of(layout, plan, shown, seen, height, depth, grid, config)
+    levels = {i: storey.level(i) for i in (*storey.floors, *storey.uppers)}
+    covered = {i: covering(storey, levels[i], i) for i in levels}
+    whole = {i: _on_plane(plan, layout, i, covered[i]) for i in covered}
+    whole |= {i: standing(storey, levels, i, covered) for i in storey.walls}
+    inferred = []
+    for i, extent in enumerate(layout.extents):
+        region = MultiPolygon()
+        if i in whole:
+            against = contradicted(
+                scene, layout.instances, layout.planes, i, extent.frame, max_depth, extent_config, config
+            )
+            free = shapely.difference(whole[i], shapely.union_all([extent.region, against]), grid_size=grid)
+            half = config.min_width * depth / 2
+            opened = free.buffer(-half, join_style="mitre").buffer(half, join_style="mitre").intersection(free)
+            region = polygons(opened)
+        inferred.append(Extent(extent.frame, region, region))
+    return replace(solution, layout=replace(layout, inferred=tuple(inferred)))
+
+
+def _on_plane(plan, layout, index, region):
+    plane, frame = layout.planes[index], layout.extents[index].frame
+    return polygons(shapely.transform(region, lambda p: frame.to_plane(plan.upright_on(plane, p))))

@@ -1,0 +1,25 @@
+"""Settings of closing a room."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gtlayout.scene import SAME_BORDER_PX
+
+
+@dataclass(frozen=True)
+class ClosingConfig:
+    """How a room is closed. Pixels are those of an image of 640x480; see ``Camera.annotation_scale`` for others."""
+
+    max_tilt_deg: float = 10.0
+    """Walls that lean by more are not continued, nor do they end the room."""
+    border_px: float = SAME_BORDER_PX
+    """A key frame shows something else only further than this from where the instance is drawn: the hands' errors."""
+    same_place: float = 0.005
+    """Of the median depth: what is as near is the same place. A centimetre or two in a room."""
+    min_width: float = 0.002
+    """Of the median depth: parts that are narrower are rounding, and are left out."""
+    min_corner_deg: float = 15.0
+    """Two walls that meet at less do not make a corner: its place is not known."""
+    least_seen: float = 0.05
+    """A room has a floor or a ceiling whose seen part is at least this share of it."""

@@ -1,0 +1,42 @@
+"""A room in plan: world points seen along the vertical, and how planes are traced there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtlayout.geometry.rays import nonzero
+from gtlayout.instances import Plane, PlaneFrame
+from gtlayout.scene import FloatArray
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The level plane that a room is drawn on."""
+
+    frame: PlaneFrame
+    """Its axes; their normal points up."""
+
+    @property
+    def up(self) -> FloatArray:
+        """(3,) unit vector."""
+        return np.cross(self.frame.axes[0], self.frame.axes[1])
+
+    def upright_on(self, plane: Plane, points: FloatArray) -> FloatArray:
+        """(N, 3) world points of a plane that lie above or below (N, 2) points of the plan."""
+        level = self.frame.to_world(points)
+        height = -(level @ plane.normal + plane.d) / nonzero(plane.normal @ self.up)
+        return level + height[:, None] * self.up
+
+    def trace(self, plane: Plane, surface: Plane) -> FloatArray:
+        """(3,) the line in plan in which two planes meet: a u + b v + c = 0, positive before ``plane``."""
+        points = self.upright_on(surface, np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        value = points @ plane.normal + plane.d
+        return np.array([value[1] - value[0], value[2] - value[0], value[0]])
+
+
+def crossing(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(2,) where two (3,) lines meet; far away for parallel ones."""
+    point = np.cross(first, second)
+    return point[:2] / nonzero(point[2])
