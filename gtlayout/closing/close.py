@@ -41,7 +41,7 @@ def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
     plan = Plan(floor_frame(scene, layout, shown)[0])
     eyes = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
     seen = sights(
-        scene, plan, layout.instances, layout.planes, layout.extents, shown, max_depth, extent_config
+        scene, plan, layout.instances, layout.planes, layout.extents, shown, max_depth, config.gap * depth, extent_config
     )
     height = float((eyes - plan.frame.origin) @ plan.up)
     storey = Storey.of(layout, plan, shown, seen, height, depth, grid, config)

@@ -23,3 +23,5 @@ class ClosingConfig:
     """Two walls that meet at less do not make a corner: its place is not known."""
     least_seen: float = 0.05
     """A room has a floor or a ceiling whose seen part is at least this share of it."""
+    gap: float = 0.05
+    """Of the median depth: nothing is seen through a gap of that height between a wall and a floor or ceiling."""

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.closing.plan import Plan
+from gtlayout.closing.plan import Plan, swept
 from gtlayout.closing.walls import Wall
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import lift, own_members
 from gtlayout.geometry.polygons import polygons
 from gtlayout.instances import Extent, Instance, Plane
+from gtlayout.prediction.predict import predict
 from gtlayout.scene import FloatArray, Scene
 
 
@@ -39,25 +40,42 @@ def sights(
     extents: Sequence[Extent],
     shown: Sequence[int],
     max_depth: float,
+    margin: float,
     config: ExtentConfig,
 ) -> tuple[Sight, ...]:
-    """What each key frame sees of the instances ``shown``, as far as the key frames agree that they are there."""
+    """What each key frame sees of the instances ``shown``, as far as no nearer extent hides it.
+
+    Walls are taken to be taller by ``margin``, world unit, both ways.
+   """
+    cameras = [scene.frame_of(k).camera for k in range(len(scene.key_frames))]
+    taller = [
+        replace(extent, region=_taller(extent, margin * plan.up)) if instance.label == "wall" else extent
+        for instance, extent in zip(instances, extents, strict=True)
+    ]
+    visible = [predict(planes, taller, instances, camera).visible for camera in cameras]
     found = []
     for i in shown:
         own, frame = own_members(instances, i), extents[i].frame
+        both = [j for j, instance in enumerate(instances) if i in (j, instance.host)]
         for k, key_frame in enumerate(scene.key_frames):
             drawn = [element.amodal for e, element in enumerate(key_frame.elements) if (k, e) in own]
             if not drawn:
                 continue
+            region_px = shapely.union_all(drawn).intersection(shapely.union_all([visible[k][j] for j in both]))
             camera = scene.frame_of(k).camera
-            region = lift(shapely.union_all(drawn), planes[i], camera, frame, max_depth, config)
-            region = polygons(region.intersection(extents[i].region))
+            region = lift(region_px, planes[i], camera, frame, max_depth, config)
             rings = [
                 plan.frame.to_plane(frame.to_world(shapely.get_coordinates(part.exterior))) for part in region.geoms
             ]
             if rings:
                 found.append(Sight(i, plan.frame.to_plane(camera.center_world[None])[0], tuple(rings)))
     return tuple(found)
+
+
+def _taller(extent: Extent, by: FloatArray) -> MultiPolygon:
+    """The region of a wall with a margin above and below: nothing is seen through gaps that errors leave there."""
+    up = extent.frame.axes @ by
+    return swept(swept(extent.region, up), -2 * up) if not extent.region.is_empty else extent.region
 
 
 def free_space(sights: Sequence[Sight], walls: Mapping[int, Wall], grid: float) -> MultiPolygon:

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
+from shapely import MultiPolygon
 
+from gtlayout.geometry.polygons import polygons
 from gtlayout.geometry.rays import nonzero
 from gtlayout.instances import Plane, PlaneFrame
 from gtlayout.scene import FloatArray
@@ -40,3 +43,13 @@ def crossing(first: FloatArray, second: FloatArray) -> FloatArray:
     """(2,) where two (3,) lines meet; far away for parallel ones."""
     point = np.cross(first, second)
     return point[:2] / nonzero(point[2])
+
+
+def swept(region: MultiPolygon, by: FloatArray) -> MultiPolygon:
+    """A region and all that it passes when it is moved by a (2,) vector."""
+    found = [region]
+    for polygon in region.geoms:
+        ring = shapely.get_coordinates(polygon.exterior)
+        quads = np.stack([ring[:-1], ring[1:], ring[1:] + by, ring[:-1] + by], axis=1)
+        found += list(shapely.make_valid(shapely.polygons(quads)))
+    return polygons(shapely.union_all(found))

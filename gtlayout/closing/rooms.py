@@ -22,7 +22,8 @@ def rooms(
     A corner is closed off when only lines of sight and the fronts of walls surround it. ``stands`` is where each wall
     stands.
     """
-    lines = [line for of_one in stands.values() for line in of_one]
+    # What is seen beside a wall's end reaches a little behind the wall: errors of planes and drawings.
+    lines = [_longer(line, 2 * same) for of_one in stands.values() for line in of_one]
     borders = shapely.union_all([free.boundary, *lines], grid_size=grid)
     faces = [face for face in shapely.get_parts(shapely.polygonize([borders])) if face.area > 0]
     kept = [face for face in faces if _is_room(face, free, walls, stands, same)]
@@ -41,6 +42,12 @@ def rooms(
         polygons(shapely.union_all([kept[f] for f in np.nonzero(room == number)[0]], grid_size=grid))
         for number in range(count)
     )
+
+
+def _longer(line: LineString, by: float) -> LineString:
+    start, end = shapely.get_coordinates(line)
+    along = by * (end - start) / line.length
+    return LineString([start - along, end + along])
 
 
 def _is_room(

@@ -10,7 +10,7 @@ import shapely
 from shapely import LineString, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.closing.plan import Plan
+from gtlayout.closing.plan import Plan, swept
 from gtlayout.closing.storey import Level, Storey
 from gtlayout.closing.walls import Wall
 from gtlayout.geometry.polygons import half_plane, polygons
@@ -70,7 +70,7 @@ def standing(
     with_floor, with_upper = (
         shapely.union_all([reaching[s] for s in group]) for group in (storey.floors, storey.uppers)
     )
-    down, up = (_swept(seen, sign * 2 * storey.reach) for sign in (-1.0, 1.0))
+    down, up = (swept(seen, np.array([0.0, sign * 2 * storey.reach])) for sign in (-1.0, 1.0))
     found = shapely.union_all(
         [
             over.intersection(under),
@@ -103,14 +103,3 @@ def _reaching(
                 along = shapely.get_coordinates(part) @ wall.along
                 columns.append(shapely.box(along.min() - same, low[1], along.max() + same, high[1]))
     return shapely.union_all(columns)
-
-
-def _swept(region: MultiPolygon, height: float) -> BaseGeometry:
-    """A region and all above it, up to a height; below it for a negative one."""
-    found: list[BaseGeometry] = [region]
-    for polygon in region.geoms:
-        ring = shapely.get_coordinates(polygon.exterior)
-        moved = ring + [0.0, height]
-        quads = np.stack([ring[:-1], ring[1:], moved[1:], moved[:-1]], axis=1)
-        found += list(shapely.make_valid(shapely.polygons(quads)))
-    return shapely.union_all(found)

@@ -70,7 +70,9 @@ class Storey:
         for i in shown:
             if label[i] == "wall" and abs(tilt[i]) <= upright:
                 bare = wall_of(plan, layout.planes[i], level, ())
-                walls[i] = wall_of(plan, layout.planes[i], level, spans_of(plan, bare, layout.extents[i], 2 * same))
+                rings = [ring for sight in sights if sight.index == i for ring in sight.rings]
+                if rings:
+                    walls[i] = wall_of(plan, layout.planes[i], level, spans_of(bare, rings, 2 * same))
         free = inner(free_space(sights, walls, grid), same)
         walls = with_corners(walls, free, same, config.min_corner_deg)
         corners = np.concatenate([plan.frame.to_plane(_corners(layout, i)) for i in shown])

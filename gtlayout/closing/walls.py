@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.closing.plan import Plan, crossing
-from gtlayout.instances import Extent, Plane
+from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray
 
 Spans = tuple[tuple[float, float], ...]
@@ -49,11 +49,11 @@ def wall_of(
     return Wall(line, np.array([-line[1], line[0]]), spans, corners)
 
 
-def spans_of(plan: Plan, wall: Wall, extent: Extent, gap: float) -> Spans:
-    """The stretches along a wall that its extent covers at any height; gaps up to ``gap`` are closed."""
+def spans_of(wall: Wall, rings: Iterable[FloatArray], gap: float) -> Spans:
+    """The stretches along a wall that what is seen of it, rings of (N, 2) in plan, covers; gaps up to ``gap`` are closed."""
     found: list[tuple[float, float]] = []
-    for outer, *_ in extent.frame.rings_to_world(extent.region):
-        along = plan.frame.to_plane(outer) @ wall.along
+    for ring in rings:
+        along = ring @ wall.along
         found.append((float(along.min()), float(along.max())))
     merged: list[tuple[float, float]] = []
     for start, end in sorted(found):
