@@ -74,7 +74,7 @@ class Storey:
                 if rings:
                     walls[i] = wall_of(plan, layout.planes[i], level, spans_of(bare, rings, 2 * same))
         free = inner(free_space(sights, walls, grid), same)
-        walls = with_corners(walls, free, same, config.min_corner_deg)
+        walls = with_corners(walls, free, [sight.eye for sight in sights], same, config.min_corner_deg)
         corners = np.concatenate([plan.frame.to_plane(_corners(layout, i)) for i in shown])
         reach = 2 * float(np.linalg.norm(np.ptp(corners, axis=0))) + depth
         return cls(layout, plan, floors, uppers, walls, sights, same, reach, grid, config)
@@ -90,7 +90,7 @@ class Storey:
     def level(self, index: int) -> Level:
         """The room at the height of a floor or an upper surface."""
         surface, planes = self.layout.planes[index], self.layout.planes
-        walls = {i: wall_of(self.plan, planes[i], surface, one.spans, one.corners) for i, one in self.walls.items()}
+        walls = {i: wall_of(self.plan, planes[i], surface, one.spans, one.corners, one.abreast) for i, one in self.walls.items()}
         free = free_space(self.sights, walls, self.grid)
         stands = segments(walls, inner(free, self.same), self.same)
         return Level(walls, stands, rooms(free, walls, stands, self.same, self.grid))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from shapely import LineString
+from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.closing.plan import Plan, crossing
@@ -30,6 +30,8 @@ class Wall:
     """Where it is seen, at any height: ``along`` · (u, v)."""
     corners: tuple[int | None, int | None] = (None, None)
     """The wall that its first span is continued to, and the same of its last."""
+    abreast: tuple[FloatArray | None, FloatArray | None] = (None, None)
+    """(2,) the camera abreast of which its first span is continued without a corner, and the same of its last."""
 
     def at(self, along: float) -> FloatArray:
         """(2,) the point of it there."""
@@ -41,12 +43,12 @@ class Wall:
 
 
 def wall_of(
-    plan: Plan, plane: Plane, surface: Plane, spans: Spans, corners: tuple[int | None, int | None] = (None, None)
+    plan: Plan, plane: Plane, surface: Plane, spans: Spans, corners: tuple[int | None, int | None] = (None, None), abreast=(None,None)
 ) -> Wall:
     """A wall where it meets a surface. ``spans`` are along its own level direction, whatever the surface."""
     trace = plan.trace(plane, surface)
     line = trace / np.linalg.norm(trace[:2])
-    return Wall(line, np.array([-line[1], line[0]]), spans, corners)
+    return Wall(line, np.array([-line[1], line[0]]), spans, corners, abreast)
 
 
 def spans_of(wall: Wall, rings: Iterable[FloatArray], gap: float) -> Spans:
@@ -65,7 +67,7 @@ def spans_of(wall: Wall, rings: Iterable[FloatArray], gap: float) -> Spans:
 
 
 def with_corners(
-    walls: Mapping[int, Wall], free: BaseGeometry, same: float, min_corner_deg: float
+    walls: Mapping[int, Wall], free: BaseGeometry, eyes, same: float, min_corner_deg: float
 ) -> dict[int, Wall]:
     """The walls with the corners in which they meet although nobody saw it.
 
@@ -84,7 +86,28 @@ def with_corners(
         seen = _is_seen(walls[j], _corner(walls[i], walls[j]), same)
         if seen or best.get((j, 1 - side), (None,))[0] == i:
             made[i][side] = j  # type: ignore[call-overload]
-    return {i: replace(wall, corners=(made[i][0], made[i][1])) for i, wall in walls.items()}
+    found = {i: replace(wall, corners=(made[i][0], made[i][1])) for i, wall in walls.items()}
+    return {i: replace(wall, abreast=tuple(_abreast(i, side, found, free, eyes, same) for side in (0, 1))) for i, wall in found.items()}
+
+
+def _abreast(i, side, walls, free, eyes, same):
+    wall, sign = walls[i], (-1.0, 1.0)[side]
+    if wall.corners[side] is not None:
+        return None
+    end = wall.spans[-side][side]
+    eye = max(eyes, key=lambda eye: sign * float(eye @ wall.along))
+    to = float(eye @ wall.along)
+    if sign * (to - end) <= same or wall.value(eye) <= 0:
+        return None
+    way = LineString([wall.at(end), wall.at(to)])
+    if way.intersection(free).length > same:
+        return None
+    for j, other in walls.items():
+        if j != i:
+            for a, b in other.spans:
+                if LineString([other.at(a), other.at(b)]).intersects(Polygon([wall.at(end), wall.at(to), eye])):
+                    return None
+    return eye
 
 
 def segments(walls: Mapping[int, Wall], free: BaseGeometry, same: float) -> dict[int, list[LineString]]:
@@ -95,6 +118,8 @@ def segments(walls: Mapping[int, Wall], free: BaseGeometry, same: float) -> dict
         for side, j in enumerate(wall.corners):
             if j is not None:
                 ends[-side][side] = _corner(wall, walls[j])
+            elif wall.abreast[side] is not None:
+                ends[-side][side] = wall.at(float(wall.abreast[side] @ wall.along))
         joined = ends[:1]
         for start, end in ends[1:]:
             if shapely.intersection(LineString([joined[-1][1], start]), free).length <= same:
