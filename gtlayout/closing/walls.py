@@ -94,6 +94,9 @@ def _abreast(i, side, walls, free, eyes, same):
     wall, sign = walls[i], (-1.0, 1.0)[side]
     if wall.corners[side] is not None:
         return None
+    square = np.sin(np.deg2rad(3.0))
+    if not any(abs(wall.line[:2] @ other.line[:2]) < square for j, other in walls.items()):
+        return None
     end = wall.spans[-side][side]
     eye = max(eyes, key=lambda eye: sign * float(eye @ wall.along))
     to = float(eye @ wall.along)
