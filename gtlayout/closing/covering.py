@@ -13,8 +13,6 @@ from gtlayout.geometry.polygons import polygons
 from gtlayout.scene import FloatArray
 
 _PARALLEL_COS = float(np.cos(np.deg2rad(10.0)))
-_MOST = 0.8
-"""Share of a part's contact with what is seen of one surface from which on it belongs to that surface."""
 
 
 def covering(storey: Storey, level: Level, index: int) -> MultiPolygon:
@@ -37,7 +35,7 @@ def covering(storey: Storey, level: Level, index: int) -> MultiPolygon:
         for part in _cut(polygons(room.difference(known)), [storey.plan.trace(planes[j], planes[index]) for j in meeting]):
             point = np.append(shapely.get_coordinates(part.representative_point())[0], 1.0)
             lowest = all(storey.plan.trace(planes[j], planes[index]) @ point > 0 for j in meeting)
-            if lowest and _is_beside(part, index, beside, storey.same):
+            if lowest and _is_beside(part, index, beside, storey):
                 own.append(part)
     return polygons(shapely.union_all(own, grid_size=storey.grid))
 
@@ -58,10 +56,10 @@ def _cut(region: MultiPolygon, lines: Sequence[FloatArray]) -> list[Polygon]:
     return [face for face in faces if shapely.contains(region, face.representative_point())]
 
 
-def _is_beside(part: Polygon, index: int, seen: Mapping[int, MultiPolygon], same: float) -> bool:
+def _is_beside(part: Polygon, index: int, seen: Mapping[int, MultiPolygon], storey: Storey) -> bool:
     """Whether a part of a room belongs to a surface rather than to those that are parallel to it."""
     if len(seen) == 1:
         return True
     border = part.boundary
-    contact = {j: border.intersection(region.buffer(same)).length for j, region in seen.items()}
-    return contact[index] >= _MOST * sum(contact.values()) > 0
+    contact = {j: border.intersection(region.buffer(storey.same)).length for j, region in seen.items()}
+    return contact[index] >= storey.config.least_contact * sum(contact.values()) > 0

@@ -24,7 +24,12 @@ def rooms(
     """
     # What is seen beside a wall's end reaches a little behind the wall: errors of planes and drawings.
     lines = [_longer(line, 2 * same) for of_one in stands.values() for line in of_one]
-    lines += [LineString([wall.at(float(eye @ wall.along)), eye]) for wall in walls.values() for eye in wall.abreast if eye is not None]
+    lines += [
+        LineString([wall.at(float(end.eye @ wall.along)), end.eye])
+        for wall in walls.values()
+        for end in wall.ends
+        if end.eye is not None
+    ]
     borders = shapely.union_all([free.boundary, *lines], grid_size=grid)
     faces = [face for face in shapely.get_parts(shapely.polygonize([borders])) if face.area > 0]
     kept = [face for face in faces if _is_room(face, free, walls, stands, same)]

@@ -78,13 +78,11 @@ def standing(
             under.difference(with_floor).intersection(up),
         ]
     )
-    for side, other in enumerate(wall.corners):
-        if other is not None:
-            start, end = wall.spans[-side]
-            middle = (start + end) / 2
-            beyond = np.array([1.0, 0.0, -middle]) if side == 0 else np.array([-1.0, 0.0, middle])
-            kept = [half_plane(line, around) for line in (elevation.before(layout.planes[other]), beyond)]
-            found = found.intersection(shapely.union_all(kept))
+    for side, end in enumerate(wall.ends):
+        if end.corner is not None:
+            half = np.array([1.0, 0.0, -float(wall.middle @ wall.along)]) * (1.0, -1.0)[side]
+            kept = (half_plane(line, around) for line in (elevation.before(layout.planes[end.corner]), half))
+            found = found.intersection(shapely.union_all(list(kept)))
     return elevation.in_frame(found)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -12,7 +12,8 @@ from gtlayout.closing.config import ClosingConfig
 from gtlayout.closing.free_space import Sight, free_space, inner
 from gtlayout.closing.plan import Plan
 from gtlayout.closing.rooms import rooms
-from gtlayout.closing.walls import Wall, segments, spans_of, wall_of, with_corners
+from gtlayout.closing.ends import with_ends
+from gtlayout.closing.walls import Wall, spans_of, stands, wall_of
 from gtlayout.instances import Plane
 from gtlayout.layout import Layout
 
@@ -69,12 +70,12 @@ class Storey:
         walls = {}
         for i in shown:
             if label[i] == "wall" and abs(tilt[i]) <= upright:
-                bare = wall_of(plan, layout.planes[i], level, ())
+                bare = wall_of(plan, layout.planes[i], level)
                 rings = [ring for sight in sights if sight.index == i for ring in sight.rings]
                 if rings:
-                    walls[i] = wall_of(plan, layout.planes[i], level, spans_of(bare, rings, 2 * same))
+                    walls[i] = replace(bare, spans=spans_of(bare, rings, 2 * same))
         free = inner(free_space(sights, walls, grid), same)
-        walls = with_corners(walls, free, [sight.eye for sight in sights], same, config.min_corner_deg)
+        walls = with_ends(walls, free, [sight.eye for sight in sights], same, config)
         corners = np.concatenate([plan.frame.to_plane(_corners(layout, i)) for i in shown])
         reach = 2 * float(np.linalg.norm(np.ptp(corners, axis=0))) + depth
         return cls(layout, plan, floors, uppers, walls, sights, same, reach, grid, config)
@@ -90,10 +91,10 @@ class Storey:
     def level(self, index: int) -> Level:
         """The room at the height of a floor or an upper surface."""
         surface, planes = self.layout.planes[index], self.layout.planes
-        walls = {i: wall_of(self.plan, planes[i], surface, one.spans, one.corners, one.abreast) for i, one in self.walls.items()}
+        walls = {i: wall_of(self.plan, planes[i], surface, one.spans, one.ends) for i, one in self.walls.items()}
         free = free_space(self.sights, walls, self.grid)
-        stands = segments(walls, inner(free, self.same), self.same)
-        return Level(walls, stands, rooms(free, walls, stands, self.same, self.grid))
+        standing = stands(walls, inner(free, self.same), self.same)
+        return Level(walls, standing, rooms(free, walls, standing, self.same, self.grid))
 
 
 def _corners(layout: Layout, index: int) -> np.typing.NDArray[np.float64]:
