@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import trimesh
@@ -12,7 +12,7 @@ from gtlayout.colors import LABEL_COLORS
 from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage, render
 from gtlayout.instances import Dimension, Extent, Instance, Mesh, Plane
-from gtlayout.mesh import vertex_sigma
+from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.scene import Camera
 
 
@@ -46,6 +46,10 @@ class Layout:
         made = as_trimesh(self)
         made.face_attributes["instance"] = self.triangles.face_instance
         return made
+
+    def inferred_mesh(self) -> Mesh:
+        """The triangles of all that is inferred; none where nobody asked for it."""
+        return build_mesh([replace(instance, host=None) for instance in self.instances], self.inferred or ())
 
     def render(self, camera: Camera) -> tuple[LabelImage, DepthImage]:
         """What a camera sees.

@@ -45,6 +45,7 @@ def solve(
     scene_dir: SceneDir,
     /,
     *,
+    close: Annotated[bool, Parameter(negative=())] = False,
     out: Path | None = None,
     raft_weights: Path | None = None,
     refine_cameras: bool = True,
@@ -65,6 +66,8 @@ def solve(
     ----------
     scene_dir
         The scene folder.
+    close
+        Close the room where nobody looked: a layer "inferred" beside what was seen, which no figure counts.
     out
         Where results go; DIR/gtlayout when not given.
     raft_weights
@@ -85,6 +88,7 @@ def solve(
     out_dir = _results_dir(out or scene_dir / FOLDER)
 
     from gtlayout.api import load, save
+    from gtlayout.closing.close import close as close_room
     from gtlayout.config import Config
     from gtlayout.method import solve as solve_scene
     from gtlayout.results.tables import camera_line, dimensions, headline_text, instance_table, measures, reasons
@@ -96,6 +100,9 @@ def solve(
     scene = load(scene_dir, **vars(sources))
     with progress_bars() as progress, rerun_observer(rerun, out_dir / LOG_FILE, progress) as observer:
         solution = solve_scene(scene, config, observer)
+        if close:
+            observer.stage("closing")
+            solution = close_room(solution)
         observer.stage("review")
         findings = review_drawings(solution)
         save(solution, out_dir, findings)

@@ -32,7 +32,9 @@ def covering(storey: Storey, level: Level, index: int) -> MultiPolygon:
             continue
         meeting = [j for j in here if abs(planes[j].normal @ planes[index].normal) < _PARALLEL_COS]
         beside = {j: seen[j] for j in here if j not in meeting}
-        for part in _cut(polygons(room.difference(known)), [storey.plan.trace(planes[j], planes[index]) for j in meeting]):
+        for part in _cut(
+            polygons(room.difference(known)), [storey.plan.trace(planes[j], planes[index]) for j in meeting]
+        ):
             point = np.append(shapely.get_coordinates(part.representative_point())[0], 1.0)
             lowest = all(storey.plan.trace(planes[j], planes[index]) @ point > 0 for j in meeting)
             if lowest and _is_beside(part, index, beside, storey):

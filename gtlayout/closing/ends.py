@@ -72,13 +72,14 @@ def _next_corner(
             found.append((beyond, None))  # It stands in the way with its back.
         elif towards and (seen or -sign * (float(corner @ other.along) - other.end(1 - side)) >= -same):
             found.append((beyond, j))
-    for _, j in sorted(found, key=lambda one: (one[0], -1 if one[1] is None else one[1])):
-        if j is None:
+    for _, next_one in sorted(found, key=lambda one: (one[0], -1 if one[1] is None else one[1])):
+        if next_one is None:
             return None
-        corner = wall.corner(walls[j])
-        hidden = walls[j].is_seen(corner, same) or not passes(walls[j].at(walls[j].end(1 - side)), corner, free, same)
+        other = walls[next_one]
+        corner = wall.corner(other)
+        hidden = other.is_seen(corner, same) or not passes(other.at(other.end(1 - side)), corner, free, same)
         if hidden and not passes(wall.at(wall.end(side)), corner, free, same):
-            return j
+            return next_one
     return None
 
 

@@ -15,7 +15,8 @@ from gtlayout.closing.walls import Wall
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import lift, own_members
 from gtlayout.geometry.polygons import polygons
-from gtlayout.instances import Extent, Instance, Plane
+from gtlayout.instances import Extent
+from gtlayout.layout import Layout
 from gtlayout.prediction.predict import predict
 from gtlayout.scene import FloatArray, Scene
 
@@ -35,9 +36,7 @@ class Sight:
 def sights(
     scene: Scene,
     plan: Plan,
-    instances: Sequence[Instance],
-    planes: Sequence[Plane],
-    extents: Sequence[Extent],
+    layout: Layout,
     shown: Sequence[int],
     max_depth: float,
     margin: float,
@@ -46,7 +45,8 @@ def sights(
     """What each key frame sees of the instances ``shown``, as far as no nearer extent hides it.
 
     Walls are taken to be taller by ``margin``, world unit, both ways.
-   """
+    """
+    instances, planes, extents = layout.instances, layout.planes, layout.extents
     cameras = [scene.frame_of(k).camera for k in range(len(scene.key_frames))]
     taller = [
         replace(extent, region=_taller(extent, margin * plan.up)) if instance.label == "wall" else extent

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from shapely import MultiPolygon
+from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.polygons import polygons
 from gtlayout.geometry.rays import nonzero
@@ -31,6 +32,10 @@ class Plan:
         level = self.frame.to_world(points)
         height = -(level @ plane.normal + plane.d) / nonzero(plane.normal @ self.up)
         return level + height[:, None] * self.up
+
+    def onto(self, plane: Plane, frame: PlaneFrame, region: BaseGeometry) -> MultiPolygon:
+        """A region of the plan on a plane that is not upright, in that plane's frame."""
+        return polygons(shapely.transform(region, lambda points: frame.to_plane(self.upright_on(plane, points))))
 
     def trace(self, plane: Plane, surface: Plane) -> FloatArray:
         """(3,) the line in plan in which two planes meet: a u + b v + c = 0, positive before ``plane``."""

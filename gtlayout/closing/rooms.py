@@ -14,6 +14,7 @@ from shapely import LineString, MultiPolygon, Polygon
 from gtlayout.closing.walls import Wall
 from gtlayout.geometry.polygons import polygons
 
+
 def rooms(
     free: MultiPolygon, walls: Mapping[int, Wall], stands: Mapping[int, Sequence[LineString]], same: float, grid: float
 ) -> tuple[MultiPolygon, ...]:

@@ -64,7 +64,9 @@ def standing(
     elevation = Elevation.of(storey.plan, wall, extent.frame)
     seen = elevation.seen(extent.region)
     around = shapely.box(*seen.bounds).buffer(storey.reach, join_style="mitre")
-    reaching = {s: _reaching(levels[s], index, covered[s], around, storey.same) for s in (*storey.floors, *storey.uppers)}
+    reaching = {
+        s: _reaching(levels[s], index, covered[s], around, storey.same) for s in (*storey.floors, *storey.uppers)
+    }
     cut = {s: reaching[s].intersection(half_plane(elevation.before(layout.planes[s]), around)) for s in reaching}
     over, under = (shapely.union_all([cut[s] for s in group]) for group in (storey.floors, storey.uppers))
     with_floor, with_upper = (
@@ -86,9 +88,7 @@ def standing(
     return elevation.in_frame(found)
 
 
-def _reaching(
-    level: Level, index: int, covered: MultiPolygon, around: BaseGeometry, same: float
-) -> BaseGeometry:
+def _reaching(level: Level, index: int, covered: MultiPolygon, around: BaseGeometry, same: float) -> BaseGeometry:
     """The columns of a wall's elevation at whose foot, or head, a surface reaches to the wall."""
     wall = level.walls[index]
     low, high = np.reshape(around.bounds, (2, 2))

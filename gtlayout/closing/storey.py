@@ -9,10 +9,10 @@ import shapely
 from shapely import LineString, MultiPolygon
 
 from gtlayout.closing.config import ClosingConfig
+from gtlayout.closing.ends import with_ends
 from gtlayout.closing.free_space import Sight, free_space, inner
 from gtlayout.closing.plan import Plan
 from gtlayout.closing.rooms import rooms
-from gtlayout.closing.ends import with_ends
 from gtlayout.closing.walls import Wall, spans_of, stands, wall_of
 from gtlayout.instances import Plane
 from gtlayout.layout import Layout

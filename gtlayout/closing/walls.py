@@ -75,7 +75,9 @@ class Wall:
         return crossing(self.line, other.line)
 
 
-def wall_of(plan: Plan, plane: Plane, surface: Plane, spans: Spans = (), ends: tuple[End, End] = (End(), End())) -> Wall:
+def wall_of(
+    plan: Plan, plane: Plane, surface: Plane, spans: Spans = (), ends: tuple[End, End] = (End(), End())
+) -> Wall:
     """A wall where it meets a surface."""
     trace = plan.trace(plane, surface)
     return Wall(trace / np.linalg.norm(trace[:2]), spans, ends)
@@ -84,7 +86,9 @@ def wall_of(plan: Plan, plane: Plane, surface: Plane, spans: Spans = (), ends: t
 def spans_of(wall: Wall, rings: Iterable[FloatArray], gap: float) -> Spans:
     """The stretches along a wall that (N, 2) rings in plan cover; gaps up to ``gap`` are closed."""
     merged: list[tuple[float, float]] = []
-    for start, end in sorted((float(along.min()), float(along.max())) for along in (ring @ wall.along for ring in rings)):
+    for start, end in sorted(
+        (float(along.min()), float(along.max())) for along in (ring @ wall.along for ring in rings)
+    ):
         if merged and start <= merged[-1][1] + gap:
             merged[-1] = merged[-1][0], max(merged[-1][1], end)
         else:
@@ -97,18 +101,18 @@ def stands(walls: Mapping[int, Wall], free: BaseGeometry, same: float) -> dict[i
     found = {}
     for i, wall in walls.items():
         pieces = [[wall.at(start), wall.at(end)] for start, end in wall.spans]
-        for side, end in enumerate(wall.ends):
-            if end.corner is not None:
-                pieces[-side][side] = wall.corner(walls[end.corner])
-            elif end.eye is not None:
-                pieces[-side][side] = wall.at(float(end.eye @ wall.along))
+        for side, beyond in enumerate(wall.ends):
+            if beyond.corner is not None:
+                pieces[-side][side] = wall.corner(walls[beyond.corner])
+            elif beyond.eye is not None:
+                pieces[-side][side] = wall.at(float(beyond.eye @ wall.along))
         joined = pieces[:1]
         for start, end in pieces[1:]:
             if passes(joined[-1][1], start, free, same):
                 joined.append([start, end])
             else:
                 joined[-1][1] = end
-        found[i] = [LineString(both) for both in joined if not np.array_equal(*both)]
+        found[i] = [LineString(both) for both in joined if not np.array_equal(both[0], both[1])]
     return found
 
 

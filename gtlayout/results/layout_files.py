@@ -99,18 +99,21 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
         names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
         parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
+        inferred = [_read_inferred(row["extent"]) for row in data["instances"] if row["extent"]["inferred"] is not None]
+        if inferred and len(inferred) < len(parts):
+            raise ValueError("what is inferred is given for some instances only")
         dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
         mesh = _read_mesh(data["mesh"], names)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
     instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
-    return Layout(instances, planes, extents, mesh, metric, dimensions)
+    return Layout(instances, planes, extents, mesh, metric, dimensions, inferred=tuple(inferred))
 
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> LayoutFile:
     rows: list[InstanceRow] = []
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
-    for instance, plane, extent, judged in parts:
+    for i, (instance, plane, extent, judged) in enumerate(parts):
         rows.append(
             {
                 "name": instance.name,
@@ -138,6 +141,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "polygons": extent.frame.rings_to_world(extent.region),
                     "unrefined": extent.frame.rings_to_world(extent.unrefined),
                     "unknown_area": extent.unknown_area,
+                    "inferred": extent.frame.rings_to_world(layout.inferred[i].region) if layout.inferred else None,
                 },
                 "iou": judged.iou,
                 "verdict": judged.verdict,
@@ -221,6 +225,12 @@ def _read_instance(
             float(row["extent"]["unknown_area"]),
         ),
     )
+
+
+def _read_inferred(row: dict[str, Any]) -> Extent:
+    frame = PlaneFrame(_numbers(row["origin"]).reshape(3), _numbers(row["axes"]).reshape(2, 3))
+    region = _region(row["inferred"], frame)
+    return Extent(frame, region, region)
 
 
 def _read_support(row: dict[str, Any]) -> Support:
