@@ -99,7 +99,9 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
         names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
         parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
-        inferred = [_read_inferred(row["extent"]) for row in data["instances"] if row["extent"]["inferred"] is not None]
+        inferred = [
+            _read_inferred(row["extent"]) for row in data["instances"] if row["extent"].get("inferred") is not None
+        ]
         if inferred and len(inferred) < len(parts):
             raise ValueError("what is inferred is given for some instances only")
         dimensions = tuple(_read_dimension(row, names) for row in data["dimensions"])
