@@ -127,7 +127,7 @@ def test_files_hold_a_layer_of_their_own_and_no_figure_counts_it(room: Path, tmp
     export_layout(tmp_path / "room.glb", scene, after, "glb")
     export_layout(tmp_path / "room.obj", scene, after, "obj")
     export_layout(tmp_path / "room.usda", scene, after, "usd")
-    nodes = trimesh.load(tmp_path / "room.glb").geometry
+    nodes = trimesh.load_scene(tmp_path / "room.glb").geometry
     assert nodes["inferred_floor_0"].visual.material.name == "inferred" != nodes["floor_0"].visual.material.name
     area = after.inferred[0].region.area
     assert nodes["inferred_floor_0"].area == pytest.approx(area, rel=0.02)
