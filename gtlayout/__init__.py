@@ -38,6 +38,7 @@ from gtlayout.version import __version__ as __version__
 if TYPE_CHECKING:
     from gtlayout import check, export
     from gtlayout.api import load, load_solved, save
+    from gtlayout.closing.close import close
     from gtlayout.config import Config
     from gtlayout.errors import GtlayoutError
     from gtlayout.evaluation.evaluate import Evaluation, evaluate
@@ -57,6 +58,7 @@ __all__ = [
     "Scene",
     "Solution",
     "check",
+    "close",
     "evaluate",
     "export",
     "load",
@@ -75,6 +77,7 @@ _HOME = {
     "Measurement": "measurement",
     "Scene": "scene",
     "Solution": "solution",
+    "close": "closing.close",
     "evaluate": "evaluation.evaluate",
     "load": "api",
     "load_solved": "api",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage, render
 from gtlayout.instances import Dimension, Extent, Instance, Mesh, NextMeasurement, Plane, Quantity
 from gtlayout.measurement import Checked, Scale
-from gtlayout.mesh import vertex_sigma
+from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.scene import Camera
 
 if TYPE_CHECKING:
@@ -64,6 +64,10 @@ class Layout:
         made = as_trimesh(self)
         made.face_attributes["instance"] = self.triangles.face_instance
         return made
+
+    def inferred_mesh(self) -> Mesh:
+        """The triangles of all that is inferred; none where nobody asked for it."""
+        return build_mesh([replace(instance, host=None) for instance in self.instances], self.inferred or ())
 
     def render(self, camera: Camera) -> tuple[LabelImage, DepthImage]:
         """What a camera sees.

@@ -74,6 +74,7 @@ def solve(
     scene_dir: SceneDir,
     /,
     *,
+    close: Annotated[bool, Parameter(negative=())] = False,
     out: NewFolder | None = None,
     raft_weights: Path | None = None,
     refine_cameras: bool = True,
@@ -97,6 +98,8 @@ def solve(
     ----------
     scene_dir
         The scene folder.
+    close
+        Close the room where nobody looked: a layer "inferred" beside what was seen, which no figure counts.
     out
         Where results go; DIR/gtlayout when not given.
     raft_weights
@@ -124,6 +127,7 @@ def solve(
         raise GtlayoutError(f"results cannot go to {out_dir}: it is a file, not a folder")
 
     from gtlayout.api import load, save
+    from gtlayout.closing.close import close as close_room
     from gtlayout.config import Config
     from gtlayout.io.files import json_text
     from gtlayout.method import solve as solve_scene
@@ -147,6 +151,9 @@ def solve(
             observer.stage("reading")
             scene = load(scene_dir, **vars(sources))
             solution = solve_scene(scene, config, observer)
+            if close:
+                observer.stage("closing")
+                solution = close_room(solution)
             observer.stage("review")
             findings = review_drawings(solution)
         save(solution, out_dir, findings)

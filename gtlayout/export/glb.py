@@ -8,6 +8,7 @@ import numpy as np
 
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.export import unit
+from gtlayout.export.inferred import INFERRED, INFERRED_COLOR, INFERRED_OPACITY, inferred_parts
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
@@ -47,6 +48,19 @@ def glb_bytes(layout: Layout) -> bytes:
             node_name=instance.name,
             geom_name=instance.name,
         )
+    for name, vertices, faces in inferred_parts(layout):
+        material = trimesh.visual.material.PBRMaterial(
+            name=INFERRED,
+            baseColorFactor=[*INFERRED_COLOR, INFERRED_OPACITY],
+            metallicFactor=0.0,
+            roughnessFactor=1.0,
+            doubleSided=True,
+            alphaMode="BLEND",
+        )
+        part = trimesh.Trimesh(
+            vertices @ turn.T, faces, visual=trimesh.visual.TextureVisuals(material=material), process=False
+        )
+        scene.add_geometry(part, node_name=name, geom_name=name)
     if not scene.geometry:
         # glTF knows no empty scene in trimesh's writer.
         scene.add_geometry(trimesh.Trimesh(), geom_name="empty")

@@ -9,6 +9,7 @@ import numpy as np
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.errors import GtlayoutError
 from gtlayout.export import unit
+from gtlayout.export.inferred import INFERRED, INFERRED_COLOR, INFERRED_OPACITY, inferred_parts
 from gtlayout.io.files import write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import Scene
@@ -36,19 +37,28 @@ def _obj(layout: Layout, materials: str) -> str:
             # "o" as well: some programs split by groups, others by objects.
             lines += [f"o {instance.name}", f"g {instance.name}", f"usemtl {instance.name}"]
             lines += [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
+    count = len(mesh.vertices)
+    for name, vertices, faces in inferred_parts(layout):
+        lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+        lines += [f"o {name}", f"g {name}", f"usemtl {INFERRED}"]
+        lines += [f"f {a} {b} {c}" for a, b, c in (faces + count + 1).tolist()]
+        count += len(vertices)
     return "\n".join([*lines, ""])
 
 
 def _materials(layout: Layout) -> str:
     lines: list[str] = []
-    for instance in layout.instances:
-        red, green, blue = np.array(LABEL_COLORS[instance.label]) / 255
+    materials = [(instance.name, LABEL_COLORS[instance.label], 1.0) for instance in layout.instances]
+    if layout.inferred:
+        materials.append((INFERRED, INFERRED_COLOR, INFERRED_OPACITY / 255))
+    for name, color, opacity in materials:
+        red, green, blue = np.array(color) / 255
         lines += [
-            f"newmtl {instance.name}",
+            f"newmtl {name}",
             f"Kd {red:.4f} {green:.4f} {blue:.4f}",
             "Ka 0 0 0",
             "Ks 0 0 0",
-            "d 1",
+            f"d {opacity:.4g}",
             "illum 1",
         ]
     return "\n".join([*lines, ""])

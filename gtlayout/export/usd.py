@@ -13,6 +13,7 @@ from pxr import Gf, Sdf, Tf, Usd, UsdGeom, Vt
 
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.export.facts import NOT_METRIC, Fact, facts, scene_facts
+from gtlayout.export.inferred import INFERRED, INFERRED_COLOR, INFERRED_OPACITY, inferred_parts
 from gtlayout.export.upright import z_up_from_world
 from gtlayout.io.files import printable, write_atomic
 from gtlayout.layout import Layout
@@ -55,6 +56,15 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
             color = Vt.Vec3fArray([Gf.Vec3f(*(channel / 255 for channel in LABEL_COLORS[instance.label]))])
             mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set(color)
             _attach(mesh.GetPrim(), facts(scene, layout, i))
+    for i, (name, vertices, faces) in enumerate(inferred_parts(layout)):
+        prim = Tf.MakeValidIdentifier(printable(name))
+        taken = stage.GetPrimAtPath(f"{ROOM}/{prim}").IsValid()
+        mesh = UsdGeom.Mesh.Define(stage, f"{ROOM}/{prim}_{i}" if taken else f"{ROOM}/{prim}")
+        _shape(mesh, vertices @ z_up_from_world(scene, layout).T, faces, np.full(len(vertices), np.nan))
+        grey = Vt.Vec3fArray([Gf.Vec3f(*(channel / 255 for channel in INFERRED_COLOR))])
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set(grey)
+        mesh.CreateDisplayOpacityPrimvar(UsdGeom.Tokens.constant).Set(Vt.FloatArray([INFERRED_OPACITY / 255]))
+        _attach(mesh.GetPrim(), {"name": printable(name), INFERRED: True, "metric": layout.metric})
     write_atomic(path, str(stage.GetRootLayer().ExportToString()))
 
 

@@ -138,6 +138,11 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
         names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
         parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
+        inferred = [
+            _read_inferred(row["extent"]) for row in data["instances"] if row["extent"].get("inferred") is not None
+        ]
+        if inferred and len(inferred) < len(parts):
+            raise ValueError("what is inferred is given for some instances only")
         mesh = _read_mesh(data["mesh"], names)
         instances, planes, extents = zip(*parts, strict=True) if parts else ((), (), ())
         return Layout(
@@ -152,6 +157,7 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
             scale=read_scale(data["scale"]),
             measurements=tuple(read_measurement(row) for row in data["measurements"]),
             next_measurement=read_next(data["next_measurement"], len(data["dimensions"])),
+            inferred=tuple(inferred),
         )
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise GtlayoutError(f"{path} is damaged: {type(error).__name__} {error}; solve the scene again") from error
@@ -159,6 +165,7 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
 
 def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> LayoutFile:
     rows: list[InstanceRow] = []
+    inferred = layout.inferred
     parts = zip(layout.instances, layout.planes, layout.extents, quality.instances, strict=True)
     for number, (instance, plane, extent, judged) in enumerate(parts):
         rows.append(
@@ -188,6 +195,9 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "polygons": extent.frame.rings_to_world(extent.region),
                     "unrefined": extent.frame.rings_to_world(extent.unrefined),
                     "unknown_area": extent.unknown_area,
+                    "inferred": extent.frame.rings_to_world(layout.inferred[number].region)
+                    if layout.inferred
+                    else None,
                 },
                 "accuracy": accuracy_row(layout.accuracies[number] if layout.accuracies else None),
                 "iou": judged.iou,
@@ -291,6 +301,12 @@ def _read_accuracies(rows: Sequence[dict[str, Any]]) -> tuple[Accuracy, ...]:
     """Of all instances; empty where nobody asked."""
     found = [accuracy for row in rows if (accuracy := read_accuracy(row["accuracy"])) is not None]
     return tuple(found) if len(found) == len(rows) else ()
+
+
+def _read_inferred(row: dict[str, Any]) -> Extent:
+    frame = PlaneFrame(reals(row["origin"], (3,)), reals(row["axes"], (2, 3)))
+    region = _region(row["inferred"], frame)
+    return Extent(frame, region, region)
 
 
 def _read_support(row: dict[str, Any]) -> Support:

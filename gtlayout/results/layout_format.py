@@ -98,6 +98,8 @@ class ExtentRow(TypedDict):
     """The same before refinement: what the key frames' unprojected elements agree on, by vote."""
     unknown_area: float
     """Area that is drawn where the depth is not known, and is left out; square world units."""
+    inferred: list[list[Points]] | None
+    """What closes the room where nobody looked, beside ``polygons``; null where nobody asked for it."""
 
 
 class InstanceRow(TypedDict):
