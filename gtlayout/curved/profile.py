@@ -14,9 +14,11 @@ from gtlayout.scene import FloatArray
 
 Curve = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """(variables, (N, 2) points) → (N,) distances from the curve, and (N, 2) unit vectors along which they grow."""
-_DIRECTIONS = 8
+_DIRECTIONS = 6
 """Lines in so many directions, and arcs on both sides of the best one, are tried."""
-_RADII = (0.5, 1.0, 2.0, 4.0)
+_TRIED, _POLISHED = 40, 200
+"""Evaluations from each start, and from the best: on a flat wall the radius grows without end."""
+_RADII = (0.7, 2.0)
 
 
 @dataclass(frozen=True)
@@ -68,9 +70,14 @@ class _Level:
 
     def best(self, curve: Curve, starts: Sequence[FloatArray]) -> FloatArray:
         """The variables of the curve that costs least."""
-        found = [least_squares(lambda x: self._residuals(curve, x), start, method="lm").x for start in starts]
+
+        def residuals(variables: FloatArray) -> FloatArray:
+            return self._residuals(curve, variables)
+
+        found = [least_squares(residuals, start, method="lm", max_nfev=_TRIED).x for start in starts]
         # Rounded, so that of starts that end in one place the first is taken.
-        return found[int(np.argmin([round(sum(self.costs(curve, x)), 6) for x in found]))]
+        best = found[int(np.argmin([round(sum(self.costs(curve, x)), 6) for x in found]))]
+        return least_squares(residuals, best, method="lm", max_nfev=_POLISHED).x
 
     def costs(self, curve: Curve, variables: FloatArray) -> tuple[float, float]:
         """Negative log-likelihoods of the tracks, and of feet and heads."""
