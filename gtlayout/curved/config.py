@@ -13,8 +13,10 @@ class CurvedConfig:
     negative log-likelihoods, of the best upright plane less the best upright cylinder.
     """
 
-    max_tracks: int = 200
+    max_tracks: int = 1000
     """Most tracks of a wall that are used, evenly over its key frames."""
+    judged_tracks: int = 200
+    """Most of them where a cylinder is weighed against a plane."""
     min_tracks: int = 20
     """With fewer, a wall stays a plane."""
     edge_points: int = 12

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
 from gtlayout.curved.config import CurvedConfig
 from gtlayout.edges import EdgeConfig, touching_points
-from gtlayout.geometry.rays import depth_on_plane
+from gtlayout.geometry.plane_image import inverse_depth, unproject
+from gtlayout.geometry.polygons import homogeneous
 from gtlayout.instances import Instance, Plane
-from gtlayout.scene import FloatArray, IntArray, Scene
+from gtlayout.scene import Camera, FloatArray, IntArray, Scene
 from gtlayout.tracking.triangulation import TriangulatedTracks
+
+_HALF_PX = 0.5 * np.eye(2)
+_LEAST_POINTS = 3
+"""Fewer points of a foot show no bend."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,12 @@ class WallEvidence:
         count = np.bincount(self.key_frame)[self.key_frame]
         return np.minimum(1.0, most / count)
 
+    def thinned(self, most: int) -> WallEvidence:
+        """With at most so many tracks."""
+        kept = _spread(len(self.points), most)
+        by_track = {name: getattr(self, name)[kept] for name in ("points", "rays", "depth", "sigma_depth", "key_frame")}
+        return replace(self, **by_track)
+
 
 def evidence_of(
     scene: Scene,
@@ -69,8 +80,7 @@ def evidence_of(
 
     ``key_frame`` (N,) is that in which each track was sampled.
     """
-    if len(tracks) > config.max_tracks:
-        tracks = tracks[np.linspace(0, len(tracks) - 1, config.max_tracks).round().astype(int)]
+    tracks = tracks[_spread(len(tracks), config.max_tracks)]
     rho = rays.rho[tracks]
     return WallEvidence(
         points=rays.center[tracks] + rays.ray[tracks] / rho[:, None],
@@ -80,6 +90,11 @@ def evidence_of(
         key_frame=key_frame[tracks],
         feet=tuple(_feet(scene, instances, planes, index, edges, config)),
     )
+
+
+def _spread(count: int, most: int) -> IntArray:
+    """Indices of at most so many of a number of things, evenly."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
 
 
 def _feet(
@@ -105,19 +120,21 @@ def _feet(
                 continue
             # In order of the image, so that thinning keeps all of the line.
             drawn = drawn[np.lexsort((drawn[:, 1], drawn[:, 0]))]
-            drawn = drawn[np.unique(np.linspace(0, len(drawn) - 1, config.edge_points).round().astype(int))]
-            center, plane = camera.center_world, planes[level]
-
-            def on_plane(px: FloatArray, camera=camera, center=center, plane=plane) -> tuple[FloatArray, FloatArray]:
-                rays = camera.rays_world(px)
-                depth = depth_on_plane(plane.normal @ center + plane.d, rays @ plane.normal)
-                return center + depth[:, None] * rays, depth
-
-            points, depth = on_plane(drawn)
-            by_px = np.stack([on_plane(drawn + step)[0] - on_plane(drawn - step)[0] for step in 0.5 * np.eye(2)], 1)
-            ahead = depth > 0
-            if ahead.sum() >= 3:
-                sigma_px = config.sigma_edge_px * camera.annotation_scale
-                rays = camera.rays_world(drawn[ahead])
-                found.append(Foot(level, center, rays, points[ahead], by_px[ahead], sigma_px))
+            drawn = drawn[_spread(len(drawn), config.edge_points)]
+            drawn = drawn[homogeneous(drawn) @ inverse_depth(planes[level], camera) > 0]
+            if len(drawn) >= _LEAST_POINTS:
+                found.append(_foot(drawn, level, planes[level], camera, config))
     return found
+
+
+def _foot(drawn: FloatArray, level: int, plane: Plane, camera: Camera, config: CurvedConfig) -> Foot:
+    """From (n, 2) px on the plane."""
+    moved = [unproject(drawn + step, plane, camera) - unproject(drawn - step, plane, camera) for step in _HALF_PX]
+    return Foot(
+        level,
+        camera.center_world,
+        camera.rays_world(drawn),
+        unproject(drawn, plane, camera),
+        np.stack(moved, axis=1),
+        config.sigma_edge_px * camera.annotation_scale,
+    )

@@ -59,7 +59,7 @@ def curved_walls(
         evidence = evidence_of(scene, instances, planes, index, rays, own, tracks.key_frame, edges, config)
         origin = np.median(evidence.points, axis=0)
         axes = np.vstack([PlaneFrame.across(up, origin).axes, up])
-        profile = profile_of(evidence, origin, axes[:2], unit, config)
+        profile = profile_of(evidence.thinned(config.judged_tracks), origin, axes[:2], unit, config)
         if not _is_round(profile, index in drawn, config):
             continue
         cylinder = fit(evidence, planes, profile, origin, axes, unit, config)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -45,8 +46,8 @@ def fit(
     found = values.atVector(C(0))
     scale = np.array([unit, unit, unit, 1.0, 1.0])
     covariance = max(1.0, chi2) * gtsam.Marginals(graph, values).marginalCovariance(C(0))
-    # An error that all depths share moves the wall along the view, and makes it larger or smaller.
-    shared = config.own_depth_sigma * np.array([*2 * [np.median(evidence.depth) / unit], found[2], 0.0, 0.0])
+    # Errors of the cameras, which many tracks share, move the wall along the view, and bend it by as much.
+    shared = config.own_depth_sigma * np.median(evidence.depth) / unit * np.array([1.0, 1.0, 1.0, 0.0, 0.0])
     return Cylinder(origin, axes, scale * found, np.outer(scale, scale) * (covariance + np.diag(shared**2)))
 
 
@@ -89,7 +90,7 @@ class _Local:
         sigma = np.hypot(self.sigma_depth * np.sum(self.rays @ self.axes[:2].T * outwards, 1), self.config.sigma_relief)
         squares, weights = [], []
 
-        def weighed(make, sigma: FloatArray, weight: FloatArray) -> None:
+        def weighed(make: Callable[[Any], gtsam.CustomFactor], sigma: FloatArray, weight: FloatArray) -> None:
             off = make(gtsam.noiseModel.Unit.Create(len(sigma))).unwhitenedError(values)
             z = off / sigma
             counts = weight * (self.config.freedom + 1) / (self.config.freedom + z**2)
@@ -102,7 +103,7 @@ class _Local:
             weighed(self._factor_of(foot), self._sigma(foot, values), np.full(len(foot.rays), self._share(foot)))
         return graph, float(np.concatenate(squares).sum() / np.concatenate(weights).sum())
 
-    def _factor_of(self, foot: Foot):
+    def _factor_of(self, foot: Foot) -> Callable[[Any], gtsam.CustomFactor]:
         centers = np.broadcast_to((foot.center - self.origin) / self.unit, foot.rays.shape)
         keys = C(0), P(foot.level)
         return lambda noise: cylinder_edge_factor(keys, np.zeros(3), self.axes, centers, foot.rays, noise)
@@ -124,7 +125,7 @@ class _Local:
     def _coefficients(self, plane: Plane) -> FloatArray:
         return np.append(plane.normal, (plane.normal @ self.origin + plane.d) / self.unit)
 
-    def _noise(self, plane: Plane):
+    def _noise(self, plane: Plane) -> Any:
         """Of (turns of the normal, offset at the origin)."""
         by = np.zeros((3, 4))
         by[:2, :3] = gtsam.Unit3(plane.normal).basis().T
