@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from shapely import Point
-from synth_views import SEED, camera_at
+from synth_views import SEED, the_room, views
 
 from gtlayout.curved.config import CurvedConfig
 from gtlayout.curved.cylinder import CurvedWall
@@ -15,16 +15,17 @@ from gtlayout.curved.find import curved_walls
 from gtlayout.edges import EdgeConfig
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance, Plane
-from gtlayout.scene import Camera, FloatArray, Frame, IntArray, KeyFrame, Scene
+from gtlayout.scene import Camera, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
 from gtlayout.synth.annotate import annotate
 from gtlayout.synth.render import cast
-from gtlayout.synth.room import Room, RoomKind, make_room
+from gtlayout.synth.room import Room, RoomKind
+from gtlayout.synth.surfaces import Surface
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks
 
 VIEWS = 4
 TRACKS_PER_ELEMENT = 60
-DEPTH_SIGMA = 0.01
+DEPTH_SIGMA = 0.003
 """As a share of the depth."""
 
 
@@ -54,10 +55,10 @@ class Measured:
         return next(i for i, instance in enumerate(self.instances) if instance.name == name)
 
 
-def measured(kind: RoomKind, seed: int = SEED, key_frames: int = VIEWS, tracks: int = TRACKS_PER_ELEMENT) -> Measured:
-    """Of a room of ``seed``, with floors, ceilings and flat walls known to a millimetre."""
-    room, rng = make_room(seed, kind), np.random.default_rng(seed)
-    cameras = [_view(room, np.random.default_rng([seed, view])) for view in range(key_frames)]
+def measured(kind: RoomKind) -> Measured:
+    """With floors, ceilings and flat walls known to a millimetre."""
+    room, rng = the_room(kind), np.random.default_rng(SEED)
+    cameras = views(kind)[:VIEWS]
     drawn = [annotate(room, c, cast(room.surfaces, c), k, np.random.default_rng(k)) for k, c in enumerate(cameras)]
     members: dict[str, list[tuple[int, int]]] = {}
     for k, (key_frame, names) in enumerate(drawn):
@@ -68,18 +69,14 @@ def measured(kind: RoomKind, seed: int = SEED, key_frames: int = VIEWS, tracks: 
     hosts = dict.fromkeys(order)
     instances = tuple(Instance(name, by_name[name].label, tuple(members[name]), hosts[name]) for name in order)
     planes = tuple(_plane(by_name[name].normal, by_name[name].d) for name in order)
-    scene = Scene(Path("room"), tuple(Frame(f"{k}.jpg", Path(f"{k}.jpg"), c) for k, c in enumerate(cameras)), (), True)
-    scene = Scene(scene.root, scene.frames, tuple(key_frame for key_frame, _ in drawn), True)
-    return Measured(scene, instances, planes, *_tracked(room, cameras, [k for k, _ in drawn], instances, tracks, rng))
+    frames = tuple(Frame(f"{k}.jpg", Path(f"{k}.jpg"), camera) for k, camera in enumerate(cameras))
+    scene = Scene(Path("room"), frames, tuple(key_frame for key_frame, _ in drawn), True)
+    return Measured(scene, instances, planes, *_tracked(room, cameras, [k for k, _ in drawn], instances, rng))
 
 
-def _view(room: Room, rng: np.random.Generator) -> Camera:
-    low, high = np.reshape(room.standing.bounds, (2, 2))
-    while True:
-        centre = np.append(rng.uniform(low, high), 1.5)
-        ahead = np.append(room.focus, 1.4) + rng.normal(0, 0.3, 3) - centre
-        if room.standing.contains(Point(centre[:2])) and ahead[1] > 1.5:
-            return camera_at(centre, ahead)
+def _label(surface: Surface) -> Label:
+    assert surface.label is not None
+    return surface.label
 
 
 def _plane(normal: FloatArray, d: float) -> Plane:
@@ -90,10 +87,9 @@ def _plane(normal: FloatArray, d: float) -> Plane:
 
 def _tracked(
     room: Room,
-    cameras: list[Camera],
+    cameras: Sequence[Camera],
     key_frames: list[KeyFrame],
     instances: tuple[Instance, ...],
-    count: int,
     rng: np.random.Generator,
 ) -> tuple[Tracks, TriangulatedTracks, IntArray]:
     owner = {member: i for i, instance in enumerate(instances) for member in instance.members}
@@ -103,7 +99,7 @@ def _tracked(
         for e, element in enumerate(key_frame.elements):
             if element.visible.is_empty:
                 continue
-            px = np.floor(spread_points(element.visible, count)) + 0.5
+            px = np.floor(spread_points(element.visible, TRACKS_PER_ELEMENT)) + 0.5
             z = depth[px[:, 1].astype(int), px[:, 0].astype(int)]
             rho = 1 / z * (1 + DEPTH_SIGMA * rng.normal(size=len(z)))
             ones = np.ones(len(px), dtype=np.int64)
@@ -111,7 +107,7 @@ def _tracked(
             parts.append((k * ones, e * ones, owner[k, e] * ones, center, cameras[k].rays_world(px), px, rho))
     k, e, track_instance, center, ray, px, rho = (np.concatenate(columns) for columns in zip(*parts, strict=True))
     number = np.arange(len(k))
-    tried = tuple(np.full(len(key_frame.elements), count) for key_frame in key_frames)
+    tried = tuple(np.full(len(key_frame.elements), TRACKS_PER_ELEMENT) for key_frame in key_frames)
     tracks = Tracks(k, e, number, k, px, np.ones(len(k)), tried)
     rays = TriangulatedTracks(center, ray, px, rho, DEPTH_SIGMA * rho, np.full(len(rho), 10.0))
     return tracks, rays, track_instance

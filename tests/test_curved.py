@@ -8,30 +8,29 @@ from functools import cache
 import numpy as np
 import pytest
 from curved_rooms import Measured, measured
+from synth_views import the_room
 
 from gtlayout.curved.config import CurvedConfig
 from gtlayout.curved.cylinder import Cylinder
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.scene import FloatArray
 from gtlayout.synth.arcs import Arc
-from gtlayout.synth.room import CURVED_ROOM_KINDS, ROOM_KINDS, RoomKind, make_room
-
-SEEDS = (1, 2)
+from gtlayout.synth.room import CURVED_ROOM_KINDS, RoomKind
+from gtlayout.tracking.triangulation import TriangulatedTracks
 
 seen = cache(measured)
 
 
-def true_wall(kind: RoomKind, seed: int) -> tuple[str, Arc]:
-    wall = next(surface for surface in make_room(seed, kind).structure if surface.arc is not None)
+def true_wall(kind: RoomKind) -> tuple[str, Arc]:
+    wall = next(surface for surface in the_room(kind).structure if surface.arc is not None)
     assert wall.arc is not None
     return wall.name, wall.arc
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", CURVED_ROOM_KINDS)
-def test_a_round_wall_is_found_with_its_radius_and_axis(kind: RoomKind, seed: int) -> None:
-    room = seen(kind, seed)
-    name, arc = true_wall(kind, seed)
+def test_a_round_wall_is_found_with_its_radius_and_axis(kind: RoomKind) -> None:
+    room = seen(kind)
+    name, arc = true_wall(kind)
     (wall,) = room.found()
     assert room.instances[wall.instance].name == name
     cylinder = wall.cylinder
@@ -46,30 +45,31 @@ def test_a_round_wall_is_found_with_its_radius_and_axis(kind: RoomKind, seed: in
     assert 1.8 < np.ptp(wall.height) < 2.85
 
 
-@pytest.mark.parametrize("kind", ROOM_KINDS)
+@pytest.mark.parametrize("kind", ["box", "slanted", "polygon"])
 def test_no_flat_wall_is_round(kind: RoomKind) -> None:
-    assert seen(kind, 1).found() == ()
+    assert seen(kind).found() == ()
 
 
 def test_a_wall_with_little_evidence_is_round_only_where_it_is_drawn_so() -> None:
-    """One key frame and two dozen tracks: by BIC alone it is round, and by the margin not."""
-    room = seen("bay", 1)
-    index = room.index(true_wall("bay", 1)[0])
+    """Its foot alone shows the bend: by BIC it is round, but not without anyone who says so."""
+    room = seen("bay")
+    index = room.index(true_wall("bay")[0])
     shallow = replace(room, rays=_flattened(room, index, 0.9))
     assert shallow.found() == ()
     assert [wall.instance for wall in shallow.found(drawn=(index,))] == [index]
-    flat = room.index("wall_0") if "wall_0" in {one.name for one in room.instances} else room.index("wall_1")
-    assert flat not in [wall.instance for wall in room.found(drawn=(flat,))], "evidence is against what is drawn"
+    flat = tuple(i for i, one in enumerate(room.instances) if one.label == "wall" and i != index)
+    assert len(flat) >= 2
+    assert [wall.instance for wall in room.found(drawn=flat)] == [index], "evidence is against what is drawn"
 
 
-def _flattened(room: Measured, index: int, sigma: float) -> object:
+def _flattened(room: Measured, index: int, sigma: float) -> TriangulatedTracks:
     """Tracks of a wall that know nothing of depth, so that only its foot shows the bend."""
     own = room.track_instance == index
     return replace(room.rays, sigma_rho=np.where(own, sigma * room.rays.rho, room.rays.sigma_rho))
 
 
 def test_tracks_and_foot_must_both_bend() -> None:
-    room = seen("bay", 1)
+    room = seen("bay")
     (wall,) = room.found()
     least = min(wall.gain_tracks, wall.gain_edges)
     assert room.found(CurvedConfig(min_gain_each=least + 0.1)) == ()
@@ -78,7 +78,7 @@ def test_tracks_and_foot_must_both_bend() -> None:
 
 
 def test_without_a_floor_or_ceiling_nothing_is_upright() -> None:
-    room = seen("bay", 1)
+    room = seen("bay")
     unknown = tuple(
         replace(plane, observable=False) if instance.label in ("floor", "ceiling") else plane
         for instance, plane in zip(room.instances, room.planes, strict=True)
@@ -87,13 +87,13 @@ def test_without_a_floor_or_ceiling_nothing_is_upright() -> None:
 
 
 def test_a_short_arc_stays_a_plane() -> None:
-    room = seen("round-corner", 1)
+    room = seen("round-corner")
     assert room.found(CurvedConfig(min_arc_deg=120.0)) == ()
 
 
 def test_the_world_does_not_matter() -> None:
     """Turned, moved and in millimetres: the same wall."""
-    room = seen("bay", 1)
+    room = seen("bay")
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     move = Similarity(turn * np.sign(np.linalg.det(turn)), np.array([5.0, -3.0, 2.0]), 1000.0)
     (here,), (there,) = room.found(), _moved(room, move).found()
@@ -123,16 +123,6 @@ def _moved(room: Measured, move: Similarity) -> Measured:
         sigma_rho=room.rays.sigma_rho / move.scale,
     )
     return replace(room, scene=scene, planes=tuple(planes), rays=rays)
-
-
-def test_the_sigma_of_the_radius_is_that_of_repeated_measurements() -> None:
-    """Of rooms with other noise each: radii are off by about as much as they say."""
-    off = []
-    for seed in range(3, 7):
-        _, arc = true_wall("bay", seed)
-        (wall,) = seen("bay", seed, 3, 25).found()
-        off.append((wall.cylinder.radius - arc.radius_m) / wall.cylinder.sigma_radius)
-    assert np.abs(off).max() < 3
 
 
 def test_points_are_unrolled_from_a_cylinder() -> None:
