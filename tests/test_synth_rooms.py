@@ -83,7 +83,7 @@ def test_furniture_stays_in_its_room_and_apart(make: object) -> None:
         boxes = furnish(plan, np.random.default_rng(seed))
         footprints = [Polygon(box.faces()[4][:, :2]) for box in boxes]
         floors = [plan.floor(room) for room in range(len(plan.lamps_world))]
-        assert len(boxes) >= 4
+        assert len(boxes) >= (2 if make is bay else 4)  # nothing stands in a bay, or before it
         for box, footprint in zip(boxes, footprints, strict=True):
             assert any(floor.covers(footprint) for floor in floors)
             top = box.centre[2] + box.size[2] / 2
