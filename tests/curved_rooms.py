@@ -67,7 +67,7 @@ def measured(kind: RoomKind) -> Measured:
     by_name = {surface.name: surface for surface in room.structure}
     order = sorted(members)
     hosts = dict.fromkeys(order)
-    instances = tuple(Instance(name, by_name[name].label, tuple(members[name]), hosts[name]) for name in order)
+    instances = tuple(Instance(name, _label(by_name[name]), tuple(members[name]), hosts[name]) for name in order)
     planes = tuple(_plane(by_name[name].normal, by_name[name].d) for name in order)
     frames = tuple(Frame(f"{k}.jpg", Path(f"{k}.jpg"), camera) for k, camera in enumerate(cameras))
     scene = Scene(Path("room"), frames, tuple(key_frame for key_frame, _ in drawn), True)
@@ -105,9 +105,11 @@ def _tracked(
             ones = np.ones(len(px), dtype=np.int64)
             center = np.broadcast_to(cameras[k].center_world, (len(px), 3))
             parts.append((k * ones, e * ones, owner[k, e] * ones, center, cameras[k].rays_world(px), px, rho))
-    k, e, track_instance, center, ray, px, rho = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    number = np.arange(len(k))
+    key_frame_of, element_of, track_instance, center, ray, px, rho = (
+        np.concatenate(columns) for columns in zip(*parts, strict=True)
+    )
+    number = np.arange(len(px))
     tried = tuple(np.full(len(key_frame.elements), TRACKS_PER_ELEMENT) for key_frame in key_frames)
-    tracks = Tracks(k, e, number, k, px, np.ones(len(k)), tried)
+    tracks = Tracks(key_frame_of, element_of, number, key_frame_of, px, np.ones(len(px)), tried)
     rays = TriangulatedTracks(center, ray, px, rho, DEPTH_SIGMA * rho, np.full(len(rho), 10.0))
     return tracks, rays, track_instance
