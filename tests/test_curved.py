@@ -77,6 +77,11 @@ def test_tracks_and_foot_must_both_bend() -> None:
     assert len(room.found(CurvedConfig(min_gain_each=least - 0.1))) == 1
 
 
+def test_one_bent_foot_among_straight_ones_bends_no_wall() -> None:
+    room = seen("bay")
+    assert room.found(CurvedConfig(min_bent_feet=1.01)) == ()
+
+
 def test_without_a_floor_or_ceiling_nothing_is_upright() -> None:
     room = seen("bay")
     unknown = tuple(

@@ -44,6 +44,9 @@ class CurvedConfig:
     min_gain_each: float = 2.0
     """… and its tracks and its foot each gain so much. On the real clips no wall with tracks enough gains more than
     3.2 in all or .6 with both; the round walls of synthetic rooms gain 9 to 100."""
+    min_bent_feet: float = 0.7
+    """… and this share of its feet is likelier on the arc, each alone: a line drawn where two surfaces only seem to
+    touch lies anywhere, and would bend a wall by itself."""
     min_arc_deg: float = 25.0
     """A cylinder of which less is seen is no better known than a plane."""
     sigma_lean: float = 0.01

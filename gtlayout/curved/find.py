@@ -42,7 +42,8 @@ def curved_walls(
 
     A wall ``drawn`` as curved is one if its evidence is likelier on a cylinder than on a plane by more than the price
     of one more variable (BIC). Others must gain ``config.min_gain``, and ``config.min_gain_each`` by their tracks and
-    by their feet, each alone: furniture bends tracks, and a wall drawn through a corner bends its foot.
+    by their feet, each alone, and most of the feet must agree: furniture bends tracks, and a wall drawn through a
+    corner bends its foot.
 
     Everything is in one world. Nothing is found where no floor or ceiling says what is upright.
     """
@@ -86,7 +87,8 @@ def _is_round(profile: Profile, drawn: bool, config: CurvedConfig) -> bool:
     gain = profile.gain_tracks + profile.gain_edges
     if drawn:
         return gain > profile.price
-    return gain > config.min_gain and min(profile.gain_tracks, profile.gain_edges) > config.min_gain_each
+    each = min(profile.gain_tracks, profile.gain_edges)
+    return gain > config.min_gain and each > config.min_gain_each and profile.bent_feet >= config.min_bent_feet
 
 
 def _wall(

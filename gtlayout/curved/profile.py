@@ -30,6 +30,8 @@ class Profile:
     radius: float
     gain_tracks: float
     gain_edges: float
+    bent_feet: float
+    """Share of the feet that are likelier on the arc; 0 without feet."""
     price: float
     """Of the third variable: half the logarithm of the number of measurements (BIC)."""
 
@@ -52,7 +54,8 @@ def profile_of(
     (on_line, foot_line), (on_arc, foot_arc) = level.costs(_line, line), level.costs(_arc, arc)
     measurements = level.weight.sum() + config.edge_weight * len(evidence.feet)
     price = 0.5 * float(np.log(max(measurements, 1.0)))
-    return Profile(arc[:2], float(np.exp(arc[2])), on_line - on_arc, foot_line - foot_arc, price)
+    bent = float(np.mean(level.foot_costs(_arc, arc) < level.foot_costs(_line, line))) if evidence.feet else 0.0
+    return Profile(arc[:2], float(np.exp(arc[2])), on_line - on_arc, foot_line - foot_arc, bent, price)
 
 
 class _Level:
@@ -83,6 +86,12 @@ class _Level:
         """Negative log-likelihoods of the tracks, and of feet and heads."""
         half = 0.5 * self._residuals(curve, variables) ** 2
         return float(half[: len(self.points)].sum()), float(half[len(self.points) :].sum())
+
+    def foot_costs(self, curve: Curve, variables: FloatArray) -> FloatArray:
+        """(F,) negative log-likelihoods of each foot."""
+        half = 0.5 * self._residuals(curve, variables)[len(self.points) :] ** 2
+        first = np.cumsum([0, *(len(points) for points, _, _ in self.feet)])[:-1]
+        return np.add.reduceat(half, first)
 
     def _residuals(self, curve: Curve, variables: FloatArray) -> FloatArray:
         """Whose half squares are the negative log-likelihoods of a Student t distribution, weighted."""
