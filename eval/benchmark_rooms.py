@@ -6,14 +6,13 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 from common.command_line import Jobs, exit_status, new_app
 from gtlayout.cli.console import progress_bars
 from gtlayout.errors import GtlayoutError
 from gtlayout.synth import SynthConfig, levels
 from gtlayout.synth.data_set import make_rooms
-from gtlayout.synth.room import RoomKind
+from gtlayout.synth.room import ROOM_KINDS
 
 LEVELS = {
     level: replace(config, frames=30, key_every=6, width=400, height=300) for level, config in levels.LEVELS.items()
@@ -53,8 +52,7 @@ def make(out: Path, /, *, paths: Path | None = None, jobs: Jobs = 1) -> None:
 
 def rooms() -> Iterator[tuple[str, SynthConfig]]:
     """``camera-level/kind-seed`` → its parameters."""
-    kinds: tuple[RoomKind, ...] = get_args(RoomKind)
-    for number, kind in enumerate(kinds):
+    for number, kind in enumerate(ROOM_KINDS):
         for seed in range(SEEDS):
             for level, config in LEVELS.items():
                 room = replace(config, room=kind, seed=100 * number + seed)
@@ -65,9 +63,8 @@ def rooms() -> Iterator[tuple[str, SynthConfig]]:
 
 def replays(recorded: list[Path]) -> Iterator[tuple[str, SynthConfig]]:
     """``re10k-typical/file`` → the parameters of a room of each kind in turn."""
-    kinds: tuple[RoomKind, ...] = get_args(RoomKind)
     for number, path in enumerate(recorded):
-        kind = kinds[number % len(kinds)]
+        kind = ROOM_KINDS[number % len(ROOM_KINDS)]
         room = replace(LEVELS["typical"], room=kind, seed=500 + number)
         yield f"re10k-typical/{path.stem}", replace(room, camera="dolly", replay=path)
 

@@ -76,6 +76,12 @@ def contact_edges(
     return tuple(edges)
 
 
+def touching_points(key_frame: KeyFrame, camera: Camera, elements: tuple[int, int], config: EdgeConfig) -> FloatArray:
+    """(N, 2) samples of the border of two elements of a key frame, px, straight or not; ``config`` in its pixels."""
+    first, second = (key_frame.elements[element] for element in elements)
+    return _shared_boundary(first, second, _no_contact(key_frame, camera, config), config)
+
+
 def _contacts(key_frame: KeyFrame, camera: Camera, config: EdgeConfig) -> list[tuple[int, int, FloatArray]]:
     """Two elements of a key frame and the (N, 2) samples of the line on which they touch, px, for all that do."""
     own = EdgeConfig(*(value * camera.annotation_scale for value in astuple(config)))

@@ -15,11 +15,13 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gtsam.symbol_shorthand import B, L, O, P
+from gtsam.symbol_shorthand import B, C, L, O, P
 
 from gtlayout.factors import (
     biased_depth_factor,
     coplanarity_factor,
+    cylinder_edge_factor,
+    cylinder_track_factor,
     depth_factor,
     edge_factor,
     perpendicularity_factor,
@@ -85,6 +87,14 @@ class FactorSuite(ABC):
         (1.0, 0.0, 0.0, -1e6),
     )
 
+    sizes: ClassVar[dict[int, int]] = {}
+    """Of variables that are not 3-D."""
+
+    def step(self, other: int, key: int, sign: int, axis: int) -> FloatArray:
+        step = np.zeros(self.sizes.get(other, 3))
+        step[axis if other == key else 0] = sign * STEP * (other == key)
+        return step
+
     @abstractmethod
     def build(self, rng: np.random.Generator, motion: Motion) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
         """The case that these draws make, in the world so moved."""
@@ -103,12 +113,13 @@ class FactorSuite(ABC):
         keys = list(factor.keys())
         columns = []
         for key in keys:
-            for axis in range(3):
+            size = self.sizes.get(key, 3)
+            for axis in range(size):
                 errors = []
                 for sign in (1, -1):
                     delta = gtsam.VectorValues()
                     for other in keys:
-                        delta.insert(other, sign * STEP * np.eye(3)[axis] if other == key else np.zeros(3))
+                        delta.insert(other, self.step(other, key, sign, axis))
                     errors.append(factor.whitenedError(values.retract(delta)))
                 columns.append((errors[0] - errors[1]) / (2 * STEP))
         np.testing.assert_allclose(jacobian, np.array(columns).T, rtol=1e-6, atol=1e-6 * np.abs(jacobian).max())
@@ -163,6 +174,36 @@ class TestBiasedDepth(FactorSuite):
         bias_by = rng.normal(size=(5, 3))
         factor = biased_depth_factor((P(0), B(0)), motion.points(starts), directions @ motion.R.T, rho, bias_by, noise)
         return factor, values_of([plane], {B(0): rng.normal(size=3)})
+
+
+def cylinder(rng: np.random.Generator) -> FloatArray:
+    return np.concatenate([rng.normal(size=2), rng.uniform(0.5, 2, 1), rng.uniform(-0.05, 0.05, 2)])
+
+
+class TestCylinderTrack(FactorSuite):
+    planes = 0
+    sizes: ClassVar[dict[int, int]] = {C(0): 5}
+
+    def build(self, rng: np.random.Generator, motion: Motion) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
+        axes, noise = gtsam.Rot3.RzRyRx(*rng.normal(size=3)).matrix(), gtsam.noiseModel.Isotropic.Sigma(5, 0.1)
+        values = gtsam.Values()
+        values.insert(C(0), cylinder(rng))
+        origin, points = rng.normal(size=3), rng.normal(size=(5, 3))
+        factor = cylinder_track_factor(C(0), motion.points(origin), axes @ motion.R.T, motion.points(points), noise)
+        return factor, values
+
+
+class TestCylinderEdge(FactorSuite):
+    sizes: ClassVar[dict[int, int]] = {C(0): 5}
+
+    def build(self, rng: np.random.Generator, motion: Motion) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
+        values = values_of([motion.plane(far_plane(rng))])
+        axes, noise = gtsam.Rot3.RzRyRx(*rng.normal(size=3)).matrix(), gtsam.noiseModel.Isotropic.Sigma(5, 0.1)
+        values.insert(C(0), cylinder(rng))
+        origin, (starts, directions, _) = rng.normal(size=3), rays(rng)
+        frame = motion.points(origin), axes @ motion.R.T
+        factor = cylinder_edge_factor((C(0), P(0)), *frame, motion.points(starts), directions @ motion.R.T, noise)
+        return factor, values
 
 
 class TestEdge(FactorSuite):

@@ -6,11 +6,13 @@ import gtsam
 import numpy as np
 import numpy.typing as npt
 import pytest
-from gtsam.symbol_shorthand import B, L, O, P
+from gtsam.symbol_shorthand import B, C, L, O, P
 
 from gtlayout.factors import (
     biased_depth_factor,
     coplanarity_factor,
+    cylinder_edge_factor,
+    cylinder_track_factor,
     depth_factor,
     edge_factor,
     perpendicularity_factor,
@@ -195,3 +197,21 @@ def test_wrong_shapes_are_named() -> None:
     values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, 1.0, 0])))
     with pytest.raises(ValueError, match="residual has shape"):
         factor.linearize(values)
+
+
+def test_points_on_a_cylinder_and_on_its_foot_have_no_error_and_others_their_distance() -> None:
+    """A cylinder of radius 2 about (1, 0), that leans by 0.1 towards x, on a floor at z = -1."""
+    values = gtsam.Values()
+    values.insert(C(0), np.array([1.0, 0, 2, 0.1, 0]))
+    values.insert(P(0), gtsam.OrientedPlane3(np.array([0, 0, 1.0, 1])))
+    origin, axes = np.zeros(3), np.eye(3)
+    points = np.array([[3.0, 0, 0], [1, 2, 0], [3.1, 0, 1], [3.5, 0, 0], [1, 1.5, 0]])
+    track = cylinder_track_factor(C(0), origin, axes, points, gtsam.noiseModel.Unit.Create(5))
+    np.testing.assert_allclose(track.whitenedError(values), [0, 0, 0, 0.5, -0.5], atol=1e-12)
+    center = np.array([0.5, 0.2, 1.0])
+    foot = np.array([[2.9, 0, -1], [0.9, 2, -1], [3.2, 0, -1]])
+    rays = 0.3 * (foot - center)
+    edge = cylinder_edge_factor(
+        (C(0), P(0)), origin, axes, np.tile(center, (3, 1)), rays, gtsam.noiseModel.Unit.Create(3)
+    )
+    np.testing.assert_allclose(edge.whitenedError(values), [0, 0, 0.3], atol=1e-12)

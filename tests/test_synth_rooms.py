@@ -12,13 +12,14 @@ from shapely import Point, Polygon
 from synth_views import HEIGHT, SEED, WIDTH, every_kind, the_room, views
 
 from gtlayout.scene import OPENINGS, FloatArray
+from gtlayout.synth.curved_plans import bay, round_corner
 from gtlayout.synth.furniture import LOW_M, furnish
 from gtlayout.synth.plans import SKEW_DEG, Plan, l_shaped, polygon, slanted, two_rooms
 from gtlayout.synth.render import cast
 from gtlayout.synth.room import CLEARANCE_M, RoomKind, make_room
 from gtlayout.synth.surfaces import Surface
 
-PLANS = (l_shaped, polygon, slanted, two_rooms)
+PLANS = (l_shaped, polygon, slanted, two_rooms, bay, round_corner)
 
 every_plan = pytest.mark.parametrize("make", PLANS)
 
@@ -82,7 +83,7 @@ def test_furniture_stays_in_its_room_and_apart(make: object) -> None:
         boxes = furnish(plan, np.random.default_rng(seed))
         footprints = [Polygon(box.faces()[4][:, :2]) for box in boxes]
         floors = [plan.floor(room) for room in range(len(plan.lamps_world))]
-        assert len(boxes) >= 4
+        assert len(boxes) >= (2 if make is bay else 4)  # nothing stands in a bay, or before it
         for box, footprint in zip(boxes, footprints, strict=True):
             assert any(floor.covers(footprint) for floor in floors)
             top = box.centre[2] + box.size[2] / 2
@@ -114,7 +115,7 @@ def test_surfaces_have_the_labels_of_their_kind(kind: RoomKind) -> None:
     assert set(labels) == {"floor", "ceiling", "wall", "door", "window"} | ({"slanted"} if kind == "slanted" else set())
     floors = {"two-rooms": 2}.get(kind, 1)
     assert (labels.count("floor"), labels.count("ceiling")) == (floors, floors)
-    walls = {"l-shaped": [6], "two-rooms": [8], "polygon": [5, 6]}.get(kind, [4])
+    walls = {"l-shaped": [6], "two-rooms": [8], "polygon": [5, 6], "bay": [6], "round-corner": [5]}.get(kind, [4])
     assert labels.count("wall") in walls
     names = [surface.name for surface in the_room(kind).structure]
     assert len(set(names)) == len(names)

@@ -195,9 +195,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "polygons": extent.frame.rings_to_world(extent.region),
                     "unrefined": extent.frame.rings_to_world(extent.unrefined),
                     "unknown_area": extent.unknown_area,
-                    "inferred": extent.frame.rings_to_world(layout.inferred[number].region)
-                    if layout.inferred
-                    else None,
+                    "inferred": extent.frame.rings_to_world(inferred[number].region) if inferred else None,
                 },
                 "accuracy": accuracy_row(layout.accuracies[number] if layout.accuracies else None),
                 "iou": judged.iou,

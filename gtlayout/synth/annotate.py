@@ -7,7 +7,7 @@ remains is a partition of the image whose neighbours share every corner. All tha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import cv2
@@ -37,6 +37,9 @@ _GRID_PX = 1e-5
 """Corners closer than this are one."""
 _STRAIGHT_PX = 0.15
 """Corners where hidden outlines cross a boundary are none: those that span a triangle of less than this squared go."""
+_CLICKED_PX = 4.0
+"""A round wall is drawn with straight lines: corners that span a triangle of less than this squared are left out, so
+that its lines are about a pixel off."""
 _COPLANAR = 1 - 1e-6
 
 
@@ -72,12 +75,13 @@ def annotate(
     Returns the key frame and, for each element's id, the name of its surface.
     """
     drawing = draw(room.building, camera)
+    lines = occlusion_edges(drawing, camera)
+    drawing = _clicked(drawing)
     amodal = {
         number: region
         for number, surface in enumerate(drawing.surfaces)
         if surface.label is not None and not (region := _drawn(drawing, number, camera)).is_empty
     }
-    lines = occlusion_edges(drawing, camera)
     if any(drawing.trimmed):
         by_hand = one_corner(drawing.regions, camera)
         moved = {number: _polygons(moved_region(region, by_hand)) for number, region in amodal.items()}
@@ -88,7 +92,8 @@ def annotate(
     for number in rng.permutation(list(amodal)):
         surface = room.surfaces[number]
         assert surface.label is not None
-        visible = visible_parts(hits.surface == number)
+        facets = [n for n, s in enumerate(room.surfaces) if s.arc is not None and s.part_of == surface.name]
+        visible = visible_parts(np.isin(hits.surface, [number, *facets]))
         elements.append(Element(f"e{len(elements)}", surface.label, amodal[number], visible))
         names[elements[-1].id] = surface.name
     return KeyFrame(frame, tuple(elements), lines), names
@@ -114,8 +119,10 @@ def draw(surfaces: tuple[Surface, ...], camera: Camera) -> Drawing:
     for number, region in zip(seen, merged, strict=True):
         regions[number] = _polygons(region)
     hosts = tuple(host_of(surfaces, number) for number in range(len(surfaces)))
-    whole = {surface.part_of for surface in surfaces}
-    trimmed = tuple(surface.part_of is not None or surface.name in whole for surface in surfaces)
+    whole = {surface.part_of for surface in surfaces if surface.arc is None}
+    trimmed = tuple(
+        (surface.part_of is not None and surface.arc is None) or surface.name in whole for surface in surfaces
+    )
     return Drawing(surfaces, tuple(regions), hosts, trimmed)
 
 
@@ -138,13 +145,41 @@ def occlusion_edges(drawing: Drawing, camera: Camera) -> tuple[FloatArray, ...]:
         if second is None or second < first:
             continue
         points = np.linspace(start, (x, y), 5)[1:-1]
-        depths = [1 / inverse_depth(drawing.surfaces[number], camera, points) for number in (first, second)]
+        depths = [1 / _inverse_depth(drawing, number, camera, points) for number in (first, second)]
         rays = np.linalg.norm(camera.rays_world(points), axis=1)
         jump_m = float((np.abs(depths[0] - depths[1]) * rays).max())
         if jump_m > CONTACT_M and not _joined_by_trim(drawing, (first, second), camera, points, jump_m):
             apart.append((start, (x, y)))
     merged = shapely.get_parts(shapely.line_merge(shapely.multilinestrings(apart))) if apart else []
     return tuple(shapely.get_coordinates(line) for line in merged)
+
+
+def _inverse_depth(drawing: Drawing, number: int, camera: Camera, points_px: FloatArray) -> FloatArray:
+    """(N,) inverse depths of a surface at (N, 2) px, 1/m: of a round wall those of the facet that each ray meets."""
+    wall = drawing.surfaces[number]
+    if wall.arc is None:
+        return inverse_depth(wall, camera, points_px)
+    facets = [s for s in drawing.surfaces if s is wall or (s.arc is not None and s.part_of == wall.name)]
+    inverse = np.stack([inverse_depth(facet, camera, points_px) for facet in facets])
+    beside = np.full_like(inverse, np.inf)
+    for n, facet in enumerate(facets):
+        ahead = (inverse[n] > 0) & faces_camera(facet, camera)
+        at = camera.center_world + camera.rays_world(points_px[ahead]) / inverse[n, ahead, None]
+        u = facet.frame.to_plane(at)[:, 0]
+        beside[n, ahead] = np.maximum(0, np.maximum(-u, u - facet.corners_uv[:, 0].max()))
+    return inverse[np.argmin(beside, axis=0), np.arange(len(points_px))]
+
+
+def _clicked(drawing: Drawing) -> Drawing:
+    """With round walls, and all they meet, drawn with as few straight lines as a person would click."""
+    if all(surface.arc is None for surface in drawing.surfaces):
+        return drawing
+    seen = [number for number, region in enumerate(drawing.regions) if not region.is_empty]
+    regions = list(drawing.regions)
+    simpler = shapely.coverage_simplify([regions[number] for number in seen], _CLICKED_PX)
+    for number, region in zip(seen, simpler, strict=True):
+        regions[number] = _polygons(region)
+    return replace(drawing, regions=tuple(regions))
 
 
 def visible_parts(mask: BoolArray) -> MultiPolygon:
@@ -185,7 +220,7 @@ def _joined_by_trim(
     rays = camera.rays_world(points_px)
     off_m = []
     for number, other in (pair, pair[::-1]):
-        depth = 1 / inverse_depth(drawing.surfaces[number], camera, points_px)
+        depth = 1 / _inverse_depth(drawing, number, camera, points_px)
         plane = drawing.surfaces[other]
         off_m.append(np.abs((camera.center_world + depth[:, None] * rays) @ plane.normal + plane.d).max())
     return bool(jump_m <= RELIEF_REACH_M and min(off_m) <= RELIEF_M)

@@ -68,7 +68,7 @@ def _feet(structure: Sequence[Surface]) -> list[Foot]:
     """All edges of walls on the floor."""
     feet = []
     for number, wall in enumerate(structure):
-        if wall.label == "wall":
+        if wall.label == "wall" and wall.arc is None:
             corners = wall.corners_world
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                 if max(start[2], end[2]) < _FLOOR_M:

@@ -30,6 +30,7 @@ def seen_extents(
 
     ``views`` are true cameras, exact key frames (see ``synth_annotate.annotate``) and the surface's name for each of
     their elements' ids. A wall's extent includes its doors and windows, and trim that it is drawn with.
+    Round walls have none.
     Returns polygons by surface name, each as its shell and holes, rings of (N, 3) points, m.
     """
     by_name = {surface.name: surface for surface in room.structure}
@@ -37,6 +38,8 @@ def seen_extents(
     for camera, key_frame, names in views:
         for element in key_frame.elements:
             surface = by_name[names[element.id]]
+            if surface.arc is not None:
+                continue
             seen[surface.name].append(_on_surface(element.amodal, surface, camera))
     extents = {}
     for name, surface in by_name.items():

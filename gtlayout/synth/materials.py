@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -11,9 +12,10 @@ from shapely import Polygon
 from gtlayout.geometry.polygons import polygons
 from gtlayout.scene import OPENINGS
 from gtlayout.synth import textures
+from gtlayout.synth.arcs import strip_of, whole_texture
 from gtlayout.synth.plans import Panel, Plan
 from gtlayout.synth.surfaces import Box, Surface, lamp_light, make_surface
-from gtlayout.synth.textures import Painter, faded
+from gtlayout.synth.textures import Painter, Texture, faded
 
 _POSTERS = 2
 """Number of posters on a wall, if there is room."""
@@ -32,6 +34,7 @@ def paint_plan(plan: Plan, boxes: Sequence[Box], texture: float, rng: np.random.
     first_floor = int(rng.integers(len(textures.FLOOR_PAINTERS)))
     surfaces = []
     walls = 0
+    rolled_out: dict[str, Texture] = {}
     for panel in plan.panels:
         paint: Painter
         match panel.label:
@@ -43,15 +46,23 @@ def paint_plan(plan: Plan, boxes: Sequence[Box], texture: float, rng: np.random.
                 paint = textures.FLOOR_PAINTERS[(first_floor + panel.room) % len(textures.FLOOR_PAINTERS)]
             case "slanted":
                 paint = textures.SLANTED_PAINTER
+            case "wall" | None if panel.arc is not None:
+                wall = panel.part_of or panel.name
+                if panel.part_of is None:
+                    paper = faded(textures.WALL_PAINTERS[papers[walls % len(papers)]], texture)
+                    rolled_out[wall] = whole_texture(paper, panel.arc, float(np.ptp(panel.corners_world[:, 2])), rng)
+                    walls += 1
+                paint = strip_of(rolled_out[wall], panel.arc.from_left_m(panel.corners_world[0, :2]))
             case "wall":
                 paper = textures.WALL_PAINTERS[papers[walls % len(papers)]]
                 paint = textures.with_pictures(paper, _posters(panel, plan.panels, rng))
                 walls += 1
             case _:
                 paint = textures.CEILING_PAINTER
-        if panel.label not in OPENINGS:
+        if panel.label not in OPENINGS and panel.arc is None:
             paint = faded(paint, texture)
-        surfaces.append(make_surface(panel.name, panel.label, panel.corners_world, paint, lights[panel.room], rng))
+        made = make_surface(panel.name, panel.label, panel.corners_world, paint, lights[panel.room], rng)
+        surfaces.append(replace(made, arc=panel.arc, part_of=panel.part_of))
     return surfaces
 
 

@@ -15,6 +15,7 @@ from shapely import Polygon
 
 from gtlayout.instances import PlaneFrame
 from gtlayout.scene import FloatArray, Label
+from gtlayout.synth.arcs import Arc
 
 CROOKED_M = 0.05
 SKEW_DEG = 6.0
@@ -39,6 +40,10 @@ class Panel:
     """(N, 3) simple polygon, counter-clockwise seen from the room; its first edge is level, a wall's at the floor."""
     room: int = 0
     """0 is the room with the cameras."""
+    arc: Arc | None = None
+    """Of a facet of a round wall what it is a facet of."""
+    part_of: str | None = None
+    """Of all facets but the first the name of the first, with which they are drawn."""
 
     @property
     def normal(self) -> FloatArray:
@@ -92,15 +97,15 @@ def l_shaped(rng: np.random.Generator) -> Plan:
     corners += [(width - notch[0], length), (0, length)]
     panels = _shell(_crooked(corners, rng), height)
     right, front, far = panels[3], panels[4], panels[6]
-    door = _centred("door_0", "door", front, rng.uniform(0.4, 0.6), _door_size(rng))
+    door = centred("door_0", "door", front, rng.uniform(0.4, 0.6), door_size(rng))
     windows = [
-        _centred("window_0", "window", far, rng.uniform(0.45, 0.55), _window_size(rng), 0.95),
-        _centred("window_1", "window", right, rng.uniform(0.5, 0.6), _window_size(rng), 0.95),
+        centred("window_0", "window", far, rng.uniform(0.45, 0.55), window_size(rng), 0.95),
+        centred("window_1", "window", right, rng.uniform(0.5, 0.6), window_size(rng), 0.95),
     ]
     lamps = [(0.45 * width, 0.4 * length, height - LAMP_M)]
     focus = (0.42 * width, 0.52 * length)
-    kept = [_near_end(width, 0.33 * length), _before(door)]
-    return _mirrored(_plan([*panels, door, *windows], lamps, height, focus, kept, windows), rng)
+    kept = [near_end(width, 0.33 * length), before(door)]
+    return mirrored(plan_of([*panels, door, *windows], lamps, height, focus, kept, windows), rng)
 
 
 def polygon(rng: np.random.Generator) -> Plan:
@@ -110,13 +115,13 @@ def polygon(rng: np.random.Generator) -> Plan:
     panels = _shell(corners, height)
     towards = [-panel.normal[1] * panel.width_m for panel in panels[2:]]
     first, second = (panels[2 + int(k)] for k in np.argsort(towards)[::-1][:2])
-    door = _centred("door_0", "door", first, rng.uniform(0.4, 0.6), _door_size(rng))
-    window = _centred("window_0", "window", second, rng.uniform(0.4, 0.6), _window_size(rng), 0.95)
+    door = centred("door_0", "door", first, rng.uniform(0.4, 0.6), door_size(rng))
+    window = centred("window_0", "window", second, rng.uniform(0.4, 0.6), window_size(rng), 0.95)
     focus = shapely.get_coordinates(Polygon(corners).centroid)[0]
     lamps = [(*focus, height - LAMP_M)]
     near = corners[:, 1].min() + 0.33 * np.ptp(corners[:, 1])
-    kept = [_near_end(6.0, near), _before(door)]
-    return _mirrored(_plan([*panels, door, window], lamps, height, focus, kept, [window]), rng)
+    kept = [near_end(6.0, near), before(door)]
+    return mirrored(plan_of([*panels, door, window], lamps, height, focus, kept, [window]), rng)
 
 
 def slanted(rng: np.random.Generator) -> Plan:
@@ -128,38 +133,38 @@ def slanted(rng: np.random.Generator) -> Plan:
     top = _inset(base, sloped, (height - knee) / tangent)
     upright = Polygon(_inset(base, sloped, (HEADROOM_M - knee) / tangent))
     panels = [
-        Panel("floor", "floor", _at(base, 0.0)),
-        Panel("ceiling", "ceiling", _at(top, height)[::-1]),
+        Panel("floor", "floor", at_height(base, 0.0)),
+        Panel("ceiling", "ceiling", at_height(top, height)[::-1]),
     ]
 
     def upper(corner: int, wall: int, neighbour: int) -> list[FloatArray]:
         """A wall's upper corners above a corner of the base, upwards: two where only its neighbour slopes."""
-        eave, ridge = _at(base[corner], knee), _at(top[corner], height)
+        eave, ridge = at_height(base[corner], knee), at_height(top[corner], height)
         return [eave] if sloped[wall] else [eave, ridge] if sloped[neighbour] else [ridge]
 
     for side in range(4):
         end = (side + 1) % 4
-        corners = [*_at(base[[end, side]], 0.0), *upper(side, side, side - 1), *upper(end, side, end)[::-1]]
+        corners = [*at_height(base[[end, side]], 0.0), *upper(side, side, side - 1), *upper(end, side, end)[::-1]]
         panels.append(Panel(f"wall_{side}", "wall", np.stack(corners)))
     slopes = [
         Panel(
             f"slanted_{side}",
             "slanted",
-            np.stack([*_at(base[[(side + 1) % 4, side]], knee), *_at(top[[side, (side + 1) % 4]], height)]),
+            np.stack([*at_height(base[[(side + 1) % 4, side]], knee), *at_height(top[[side, (side + 1) % 4]], height)]),
         )
         for side in (1, 3)
         if sloped[side]
     ]
     # Where a door fits below the slopes of the far wall.
-    door_size = _door_size(rng)
-    below = _inset(base, sloped, (door_size[1] - knee) / tangent)
-    low, high = np.sort(panels[4].frame.to_plane(_at(below[[2, 3]], 0.0))[:, 0])
-    door = _opening("door_0", "door", panels[4], (rng.uniform(low + 0.15, high - door_size[0] - 0.15), 0.0), door_size)
-    window = _centred("window_0", "window", slopes[-1], rng.uniform(0.55, 0.7), (0.8, 1.0), 0.35)
+    size = door_size(rng)
+    below = _inset(base, sloped, (size[1] - knee) / tangent)
+    low, high = np.sort(panels[4].frame.to_plane(at_height(below[[2, 3]], 0.0))[:, 0])
+    door = _opening("door_0", "door", panels[4], (rng.uniform(low + 0.15, high - size[0] - 0.15), 0.0), size)
+    window = centred("window_0", "window", slopes[-1], rng.uniform(0.55, 0.7), (0.8, 1.0), 0.35)
     lamps = [(*top.mean(axis=0), height - LAMP_M)]
-    kept = [_near_end(width, 0.33 * length), _before(door)]
-    plan = _plan([*panels, *slopes, door, window], lamps, HEADROOM_M, (width / 2, length / 2), kept, [])
-    return _mirrored(replace(plan, upright=upright), rng)
+    kept = [near_end(width, 0.33 * length), before(door)]
+    plan = plan_of([*panels, *slopes, door, window], lamps, HEADROOM_M, (width / 2, length / 2), kept, [])
+    return mirrored(replace(plan, upright=upright), rng)
 
 
 def two_rooms(rng: np.random.Generator) -> Plan:
@@ -193,30 +198,32 @@ def two_rooms(rng: np.random.Generator) -> Plan:
             strict=True,
         )
     ]
-    second[0] = replace(second[0], corners_world=_at(np.vstack([outline[0], posts[[3, 0, 1, 2]], outline[1:]]), 0.0))
+    second[0] = replace(
+        second[0], corners_world=at_height(np.vstack([outline[0], posts[[3, 0, 1, 2]], outline[1:]]), 0.0)
+    )
     second[2] = _with_doorway(second[2], posts[[2, 3]], size[1])
-    foot, head = _at(posts, 0.0), _at(posts, size[1])
+    foot, head = at_height(posts, 0.0), at_height(posts, size[1])
     reveals = [
         Panel("reveal_0", None, np.stack([foot[0], foot[3], head[3], head[0]]), 1),
         Panel("reveal_1", None, np.stack([foot[2], foot[1], head[1], head[2]]), 1),
         Panel("reveal_2", None, head[[3, 2, 1, 0]], 1),
     ]
-    door = _centred("door_0", "door", main[5], rng.uniform(0.4, 0.55), _door_size(rng))
+    door = centred("door_0", "door", main[5], rng.uniform(0.4, 0.55), door_size(rng))
     windows = [
-        _centred("window_0", "window", main[3], rng.uniform(0.45, 0.6), _window_size(rng), 0.95),
-        _centred("window_1", "window", second[4], rng.uniform(0.35, 0.65), _window_size(rng), 0.95),
+        centred("window_0", "window", main[3], rng.uniform(0.45, 0.6), window_size(rng), 0.95),
+        centred("window_1", "window", second[4], rng.uniform(0.35, 0.65), window_size(rng), 0.95),
     ]
     lamps = [(width / 2, 0.45 * length, height - LAMP_M), (*outline.mean(axis=0), second_height - LAMP_M)]
     kept = [
-        _near_end(width, 0.33 * length),
-        _before(door),
+        near_end(width, 0.33 * length),
+        before(door),
         Polygon(posts).buffer(0.9, join_style="mitre", cap_style="square"),
     ]
     panels = [*main, *second, *reveals, door, *windows]
-    return _mirrored(_plan(panels, lamps, height, (width / 2, 0.55 * length), kept, windows), rng)
+    return mirrored(plan_of(panels, lamps, height, (width / 2, 0.55 * length), kept, windows), rng)
 
 
-def _plan(
+def plan_of(
     panels: Sequence[Panel],
     lamps: Sequence[Sequence[float]],
     height_m: float,
@@ -224,7 +231,8 @@ def _plan(
     clear: Sequence[Polygon],
     windows: Sequence[Panel],
 ) -> Plan:
-    low_only = shapely.union_all([_before(window, 0.6) for window in windows])
+    """A plan of panels in drawing order; no tall furniture before the ``windows``."""
+    low_only = shapely.union_all([before(window, 0.6) for window in windows])
     upright = Polygon(panels[0].corners_world[:, :2])
     arrays = np.array(lamps, float), float(height_m), np.array(focus, float)
     return Plan(tuple(panels), *arrays, upright, shapely.union_all(clear), low_only)
@@ -232,7 +240,7 @@ def _plan(
 
 def _shell(footprint: FloatArray, height_m: float) -> list[Panel]:
     """Floor, ceiling and one wall per side of a counter-clockwise (N, 2) footprint."""
-    low, high = _at(footprint, 0.0), _at(footprint, height_m)
+    low, high = at_height(footprint, 0.0), at_height(footprint, height_m)
     panels = [Panel("floor", "floor", low), Panel("ceiling", "ceiling", high[::-1])]
     for side in range(len(footprint)):
         end = (side + 1) % len(footprint)
@@ -244,7 +252,7 @@ def _shell(footprint: FloatArray, height_m: float) -> list[Panel]:
 def _with_doorway(wall: Panel, posts: FloatArray, height_m: float) -> Panel:
     """A rectangular wall without its doorway; ``posts`` (2, 2) are its left and right edge seen from the room."""
     left, right, *high = wall.corners_world
-    foot, head = _at(posts, 0.0), _at(posts, height_m)
+    foot, head = at_height(posts, 0.0), at_height(posts, height_m)
     return replace(wall, corners_world=np.stack([left, foot[0], head[0], head[1], foot[1], right, *high]))
 
 
@@ -253,7 +261,7 @@ def _opening(name: str, label: Label, wall: Panel, low_uv: tuple[float, float], 
     return Panel(name, label, wall.frame.to_world(corners_uv), wall.room)
 
 
-def _centred(
+def centred(
     name: str, label: Label, wall: Panel, share: float, size: tuple[float, float], sill_m: float = 0.0
 ) -> Panel:
     """An opening whose middle is at a share of the wall's width, but not within 15 cm of its ends."""
@@ -261,22 +269,25 @@ def _centred(
     return _opening(name, label, wall, (u, sill_m), size)
 
 
-def _door_size(rng: np.random.Generator) -> tuple[float, float]:
+def door_size(rng: np.random.Generator) -> tuple[float, float]:
+    """Width and height of a door, m."""
     return float(rng.uniform(0.8, 0.95)), float(rng.uniform(1.98, 2.1))
 
 
-def _window_size(rng: np.random.Generator) -> tuple[float, float]:
+def window_size(rng: np.random.Generator) -> tuple[float, float]:
+    """Width and height of a window, m."""
     return float(rng.uniform(0.9, 1.15)), float(rng.uniform(1.0, 1.2))
 
 
-def _before(panel: Panel, depth_m: float = 0.9) -> Polygon:
+def before(panel: Panel, depth_m: float = 0.9) -> Polygon:
     """The place in front of an upright panel, x and y."""
     start, end = panel.corners_world[:2, :2]
     out = depth_m * panel.normal[:2]
     return Polygon([start, end, end + out, start + out])
 
 
-def _near_end(reach_m: float, up_to_y_m: float) -> Polygon:
+def near_end(reach_m: float, up_to_y_m: float) -> Polygon:
+    """The place that is left to the cameras, x and y."""
     return shapely.box(-reach_m, -10.0, 2 * reach_m, up_to_y_m)
 
 
@@ -326,18 +337,23 @@ def _inset(outline: FloatArray, moved: Sequence[bool], by_m: float) -> FloatArra
     )
 
 
-def _at(points_xy: FloatArray, height_m: float) -> FloatArray:
+def at_height(points_xy: FloatArray, height_m: float) -> FloatArray:
     """(…, 2) → (…, 3)."""
     return np.concatenate([points_xy, np.full((*points_xy.shape[:-1], 1), height_m)], axis=-1)
 
 
-def _mirrored(plan: Plan, rng: np.random.Generator) -> Plan:
+def mirrored(plan: Plan, rng: np.random.Generator) -> Plan:
     """Half of the time the plan with x → -x; a panel's first edge stays its first, and the turning sense is mended."""
     if rng.integers(2):
         return plan
     flip = np.array([-1.0, 1.0, 1.0])
     panels = [
-        replace(panel, corners_world=flip * np.roll(panel.corners_world[::-1], 2, axis=0)) for panel in plan.panels
+        replace(
+            panel,
+            corners_world=flip * np.roll(panel.corners_world[::-1], 2, axis=0),
+            arc=None if panel.arc is None else panel.arc.mirrored(),
+        )
+        for panel in plan.panels
     ]
     regions = [
         shapely.transform(region, lambda points: points * (-1.0, 1.0))

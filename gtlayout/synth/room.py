@@ -12,6 +12,7 @@ from shapely import Polygon
 
 from gtlayout.scene import FloatArray
 from gtlayout.synth import textures
+from gtlayout.synth.curved_plans import bay, round_corner
 from gtlayout.synth.furniture import LOW_M, furnish
 from gtlayout.synth.kitchen import Run
 from gtlayout.synth.materials import paint_plan
@@ -21,8 +22,12 @@ from gtlayout.synth.surfaces import Box, Light, Surface, lamp_light, make_surfac
 from gtlayout.synth.textures import Painter, faded
 from gtlayout.synth.trim import NO_TRIM, Trim
 
-RoomKind = Literal["box", "l-shaped", "slanted", "two-rooms", "polygon"]
-ROOM_KINDS: tuple[RoomKind, ...] = get_args(RoomKind)
+FlatRoomKind = Literal["box", "l-shaped", "slanted", "two-rooms", "polygon"]
+CurvedRoomKind = Literal["bay", "round-corner"]
+RoomKind = FlatRoomKind | CurvedRoomKind
+ROOM_KINDS: tuple[FlatRoomKind, ...] = get_args(FlatRoomKind)
+"""Of data sets and benchmarks: rooms with a round wall are asked for by name."""
+CURVED_ROOM_KINDS: tuple[CurvedRoomKind, ...] = get_args(CurvedRoomKind)
 CLEARANCE_M = 0.3
 """Cameras keep so far away from walls and tall furniture."""
 _NEAR, _RIGHT, _FAR, _LEFT = range(4)
@@ -33,6 +38,8 @@ _PLANS: dict[RoomKind, Callable[[np.random.Generator], Plan]] = {
     "slanted": slanted,
     "two-rooms": two_rooms,
     "polygon": polygon,
+    "bay": bay,
+    "round-corner": round_corner,
 }
 
 
@@ -100,7 +107,7 @@ def make_room(seed: int, kind: RoomKind = "box", texture: float = 1.0, trim: Tri
     if kind == "box":
         return _box_room(texture, outfit, rng)
     plan = _PLANS[kind](rng)
-    walls = {p.name: p.corners_world[:2] for p in plan.panels if p.label == "wall" and p.room == 0}
+    walls = {p.name: p.corners_world[:2] for p in plan.panels if p.label == "wall" and p.room == 0 and p.arc is None}
     run = outfit.place_kitchen(walls, plan.floor(0) - plan.clear)
     if run is not None:
         plan = replace(plan, clear=shapely.union_all([plan.clear, run.place.buffer(CLEARANCE_M)]))

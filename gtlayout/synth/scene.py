@@ -23,6 +23,7 @@ from gtlayout.io.units import SCENE_FILE
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.scene import Camera, FloatArray, Frame, KeyFrame
 from gtlayout.synth.annotate import annotate
+from gtlayout.synth.arcs import Arc
 from gtlayout.synth.config import HFOV_DEG, SynthConfig
 from gtlayout.synth.errors import disturb, disturb_cameras
 from gtlayout.synth.extents import seen_extents
@@ -130,7 +131,7 @@ def _truth(
 ) -> dict[str, object]:
     """The contents of gt_planes.json: the planes that some element was drawn of."""
     drawn = {name for names in elements.values() for name in names.values()}
-    planes = {
+    planes: dict[str, dict[str, object]] = {
         surface.name: {
             "label": surface.label,
             "normal": surface.normal,
@@ -140,11 +141,34 @@ def _truth(
             "outline": surface.corners_world,
         }
         for surface in room.structure
-        if surface.name in drawn
+        if surface.name in drawn and surface.arc is None
+    }
+    planes |= {
+        surface.name: _round_wall(surface.arc, room)
+        for surface in room.structure
+        if surface.name in drawn and surface.arc is not None
     }
     note = (
         "n.X + d = 0, unit normal towards the cameras, metres; exact. extent: what the annotated frames show of the "
         "surface, furniture thought away, as polygons, each a shell and its holes; outline: its corners. "
+        "A round wall has no plane but a cylinder: a point of its upright axis, its radius, and its ends on the floor. "
         "elements: annotated frame -> element id -> plane it truly is on, whatever label was drawn."
     )
     return {"format": "gtlayout-truth/1", "note": note, "planes": planes, "elements": elements}
+
+
+def _round_wall(arc: Arc, room: Room) -> dict[str, object]:
+    """What gt_planes.json holds of a round wall."""
+    return {
+        "label": "wall",
+        "normal": None,
+        "d": None,
+        "from_depth": False,
+        "cylinder": {
+            "axis_point": [*arc.center_xy, 0.0],
+            "axis": [0.0, 0.0, 1.0],
+            "radius": arc.radius_m,
+            "ends": [[*end, 0.0] for end in arc.points_xy()[[0, -1]]],
+            "height": room.height_m,
+        },
+    }

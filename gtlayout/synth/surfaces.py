@@ -12,6 +12,7 @@ from shapely import Polygon
 
 from gtlayout.instances import PlaneFrame
 from gtlayout.scene import OPENINGS, FloatArray, ImageArray, Label
+from gtlayout.synth.arcs import Arc
 from gtlayout.synth.textures import TEXEL_M, Painter
 
 Light = Callable[[FloatArray, FloatArray], FloatArray]
@@ -40,6 +41,8 @@ class Surface:
     """Of trim the surface that it is drawn with, of a recessed opening its wall."""
     holes_uv: tuple[FloatArray, ...] = ()
     """(N, 2) polygons that are cut out, for what lies behind: recessed openings."""
+    arc: Arc | None = None
+    """Of a facet of a round wall what it is a facet of. All facets but the first are ``part_of`` it."""
 
     @cached_property
     def corners_world(self) -> FloatArray:

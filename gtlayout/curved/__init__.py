@@ -1,0 +1,1 @@
+"""Walls that bend: upright cylinders in place of planes, after the planes are solved."""
