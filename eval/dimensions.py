@@ -28,7 +28,7 @@ from gtlayout.instances import Dimension, PlaneFrame
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import TruePlane, read_truth
 from gtlayout.layout import Layout
-from gtlayout.measurement import MeasuredKind, Measurement
+from gtlayout.measurement import MEASURED_AS, MeasuredKind, Measurement
 from gtlayout.method import solve, with_measurements
 from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.solution import Solution
@@ -38,14 +38,6 @@ MEASURED = 3
 """So many dimensions are measured by hand, each the one that gtlayout proposes."""
 FALSE_M = 0.05
 """How far off one of them is made."""
-_KINDS: dict[str, MeasuredKind] = {
-    "height": "between",
-    "width": "between",
-    "opening width": "width",
-    "opening height": "height",
-    "sill": "sill",
-}
-
 app = new_app("dimensions", __doc__)
 
 
@@ -182,7 +174,7 @@ def _measured_by_hand(solution: Solution, true: dict[int, TruePlane], rng: np.ra
 
 
 def _measurement_of(layout: Layout, one: Dimension, value: float) -> tuple[MeasuredKind, tuple[str, ...], float]:
-    kind = _KINDS[one.kind]
+    kind = MEASURED_AS[one.kind]
     names = [layout.instances[i].name for i in (one.first, one.second)]
     return kind, tuple(names) if kind == "between" else (names[1],), value
 

@@ -6,6 +6,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 MeasuredKind = Literal["between", "width", "height", "sill", "angle", "points"]
+MEASURED_AS: dict[str, MeasuredKind] = {
+    "height": "between",
+    "width": "between",
+    "opening width": "width",
+    "opening height": "height",
+    "sill": "sill",
+}
+"""By which kind of measurement each kind of dimension is measured."""
 MarkedPoint = tuple[tuple[str, tuple[float, float]], ...]
 """Names of frames, and the pixel of the point in their pinhole image."""
 

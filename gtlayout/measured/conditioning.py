@@ -94,7 +94,7 @@ def condition(
         posterior[np.ix_(known, known)] = (after + after.T) / 2
     scale = float(np.exp(start + moved[-1]))
     checked = tuple(
-        _checked(one, measurables[i], start * lengths[i] + predicted[i], sigma[i], noise[i], bool(used[i]))
+        _checked(one, measurables[i], start * lengths[i] + predicted[i], sigma[i], bool(used[i]))
         for i, one in enumerate(measurements)
     )
     return Posterior(moved[:-1], scale, posterior, checked)
@@ -144,11 +144,10 @@ def _contradicting(deviations: FloatArray) -> BoolArray:
     return chosen
 
 
-def _checked(
-    measurement: Measurement, of: Measurable, residual: float, sigma: float, noise: float, used: bool
-) -> Checked:
-    """``residual`` is what everything else says beyond ``of``, ``sigma`` that of both, ``noise`` its own part."""
-    of_prediction = float(np.sqrt(max(sigma**2 - noise, 0.0)))
+def _checked(measurement: Measurement, of: Measurable, residual: float, sigma: float, used: bool) -> Checked:
+    """``residual`` is what everything else says beyond ``of``, ``sigma`` that of the measurement and all else."""
+    own = np.deg2rad(measurement.sigma) if measurement.kind == "angle" else measurement.sigma / measurement.value
+    of_prediction = float(np.sqrt(max(sigma**2 - own**2, 0.0)))
     if sigma > _NO_SCALE / 2:
         return Checked(measurement, np.nan, np.nan, used)
     if measurement.kind == "angle":

@@ -14,7 +14,9 @@ from gtlayout.export.floor_plan import floor_plan
 from gtlayout.export.plan_drawing import draw
 from gtlayout.export.svg import svg_text
 from gtlayout.geometry.depth import median_depth
+from gtlayout.io.measurements import SIGMA_M, measurement_entry
 from gtlayout.layout import Layout
+from gtlayout.measurement import MEASURED_AS, MeasuredKind, Measurement
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.config import QualityConfig
 from gtlayout.report.frames import finding_lines, key_frame_data
@@ -23,7 +25,13 @@ from gtlayout.report.panels import panels
 from gtlayout.report.plain import data_uri, finite
 from gtlayout.report.room_view import room_view
 from gtlayout.results.evidence import EvidenceSeen
-from gtlayout.results.tables import most_certain_first
+from gtlayout.results.tables import (
+    dimension_of,
+    measurement_lines,
+    most_certain_first,
+    quantity_of,
+    shown_quantities,
+)
 from gtlayout.review.findings import Finding
 from gtlayout.scene import ImageArray, Scene
 
@@ -82,7 +90,10 @@ def report_data(
         "warnings": list(warnings),
         "findings": None if findings is None else _folded(findings),
         "instances": _instances(layout, quality, colors),
-        "dimensions": _dimensions(layout),
+        "dimensions": [*_dimensions(layout), *_quantities(layout)],
+        "wanted_loa": next((one.wanted for one in layout.accuracies), None) if layout.metric else None,
+        "measured": measurement_lines(layout),
+        "to_measure": _to_measure(layout),
         "frames": [
             key_frame_data(scene, layout, quality, number, photo, colors)
             | {"findings": finding_lines(findings or (), number)}
@@ -113,13 +124,14 @@ def _instances(layout: Layout, quality: Quality, colors: Sequence[str]) -> list[
             "tracks": plane.support.tracks,
             "sigma_normal_deg": finite(judged.sigma_normal_deg),
             "sigma_depth": finite(judged.sigma_depth),
+            "level": layout.accuracies[number].level if layout.accuracies else None,
             "depth": finite(judged.depth),
             "iou": judged.iou,
             "verdict": judged.verdict,
             "reason": judged.reason,
             "causes": list(judged.causes),
         }
-        for instance, plane, extent, judged, color in parts
+        for number, (instance, plane, extent, judged, color) in enumerate(parts)
     ]
 
 
@@ -146,16 +158,51 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 
 def _dimensions(layout: Layout) -> list[dict[str, Any]]:
-    """Heights and widths, the most certain first."""
+    """Of each kind the most certain first."""
     return [
         {
             "kind": one.kind,
-            "between": [layout.instances[one.first].name, layout.instances[one.second].name],
-            "length": finite(one.length),
+            "of": dimension_of(layout, one),
+            "value": finite(one.length),
             "sigma": finite(one.sigma),
+            "power": "",
+            "digits": 3,
+            "level": one.accuracy.level if one.accuracy else None,
+            "status": one.accuracy.status if one.accuracy and layout.metric else None,
+            "least": False,
         }
         for one in most_certain_first(layout.dimensions)
     ]
+
+
+def _quantities(layout: Layout) -> list[dict[str, Any]]:
+    """Areas and volumes; nobody has set levels of accuracy for these."""
+    return [
+        {
+            "kind": one.kind,
+            "of": quantity_of(layout, one),
+            "value": finite(one.amount),
+            "sigma": finite(one.sigma),
+            "power": "³" if one.kind == "volume" else "²",
+            "digits": 2,
+            "level": None,
+            "status": None,
+            "least": not one.closed,
+        }
+        for one in shown_quantities(layout)
+    ]
+
+
+def _to_measure(layout: Layout) -> str | None:
+    """The entry of ``measurements.json`` for the dimension to measure next, with its length as it is known now."""
+    if layout.next_measurement is None:
+        return None
+    one = layout.dimensions[layout.next_measurement.dimension]
+    kind: MeasuredKind = MEASURED_AS[one.kind]
+    names = [layout.instances[i].name for i in (one.first, one.second)]
+    of = tuple(names) if kind == "between" else (names[1],)
+    entry = measurement_entry(Measurement(kind, of, round(one.length, 3), SIGMA_M))
+    return json.dumps([entry], ensure_ascii=False)
 
 
 def _floor_plan(scene: Scene, layout: Layout) -> str | None:

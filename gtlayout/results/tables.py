@@ -13,7 +13,7 @@ from rich.text import Text
 from gtlayout.accuracy import Accuracy
 from gtlayout.evaluation.evaluate import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
-from gtlayout.instances import Dimension, DimensionKind
+from gtlayout.instances import Dimension, DimensionKind, Quantity
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.headline import Headline, element_name
@@ -60,20 +60,34 @@ def dimensions(layout: Layout) -> list[str]:
     Of each kind the most certain first; of walls only all together. Lengths in metres have their level of accuracy.
     """
     unit = " m" if layout.metric else " units"
-    names = [instance.name for instance in layout.instances]
     lines = [
-        f"{one.kind} {_between(names, one)}: {with_sigma(one.length, one.sigma, 3, unit)}{_level(one.accuracy)}"
+        f"{one.kind} {dimension_of(layout, one)}: {with_sigma(one.length, one.sigma, 3, unit)}{_level(one.accuracy)}"
         for one in most_certain_first(layout.dimensions)
     ]
-    totals = {amount.kind: len(amount.instances) for amount in layout.quantities}
-    for amount in layout.quantities:
-        if amount.kind == "net wall area" and len(amount.instances) < totals[amount.kind]:
-            continue
+    for amount in shown_quantities(layout):
         power = "³" if amount.kind == "volume" else "²"
         least = "" if amount.closed else " at least: not all of its outline was seen"
-        of = " – ".join(names[i] for i in amount.instances) if len(amount.instances) < 3 else "of all walls"
-        lines.append(f"{amount.kind} {of}: {with_sigma(amount.amount, amount.sigma, 2, unit + power)}{least}")
+        lines.append(
+            f"{amount.kind} {quantity_of(layout, amount)}: "
+            f"{with_sigma(amount.amount, amount.sigma, 2, unit + power)}{least}"
+        )
     return lines
+
+
+def shown_quantities(layout: Layout) -> list[Quantity]:
+    """Areas and volumes, of walls only all together."""
+    totals = {amount.kind: len(amount.instances) for amount in layout.quantities}
+    return [
+        amount
+        for amount in layout.quantities
+        if amount.kind != "net wall area" or len(amount.instances) == totals[amount.kind]
+    ]
+
+
+def quantity_of(layout: Layout, amount: Quantity) -> str:
+    """What an area or a volume is of: ``floor_0``, or ``of all walls``."""
+    names = [layout.instances[i].name for i in amount.instances]
+    return " – ".join(names) if len(names) < 3 else "of all walls"
 
 
 def measurement_lines(layout: Layout) -> list[str]:
@@ -98,15 +112,17 @@ def next_line(layout: Layout) -> list[str]:
     if one is None:
         return []
     dimension = layout.dimensions[one.dimension]
-    what = f"{dimension.kind} {_between([instance.name for instance in layout.instances], dimension)}"
+    what = f"{dimension.kind} {dimension_of(layout, dimension)}"
     if not layout.metric:
         return [f"measure {what}: it would give the scene its unit"]
     wanted = next((each.accuracy.wanted for each in layout.dimensions if each.accuracy), 0)
     return [f"measure {what}: it would bring {one.reached} of {one.of} dimensions to LOA{wanted} ({one.within} now)"]
 
 
-def _between(names: Sequence[str], one: Dimension) -> str:
-    return names[one.first] if one.first == one.second else f"{names[one.first]} – {names[one.second]}"
+def dimension_of(layout: Layout, one: Dimension) -> str:
+    """What a dimension is of: ``floor_0 – ceiling_0``, or ``door_0``."""
+    first, second = (layout.instances[i].name for i in (one.first, one.second))
+    return first if one.first == one.second else f"{first} – {second}"
 
 
 def _level(accuracy: Accuracy | None) -> str:
