@@ -149,7 +149,7 @@ def test_many_key_frames_are_shown_smaller() -> None:
 
 
 def test_same_results_same_bytes(hostile: Path, tmp_path: Path) -> None:
-    out = tmp_path / "new" / "page.html"
+    out = tmp_path / "page.html"
     assert main(["report", str(hostile), "--layout", str(hostile / "gtlayout"), "--out", str(out)]) == 0
     assert out.read_bytes() == (hostile / "gtlayout/report.html").read_bytes()
 

@@ -38,7 +38,7 @@ MEASURED = 3
 """So many dimensions are measured by hand, each the one that gtlayout proposes."""
 FALSE_M = 0.05
 """How far off one of them is made."""
-app = new_app("dimensions", __doc__)
+app = new_app("dimension_accuracy", __doc__)
 
 
 @app.default
