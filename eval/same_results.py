@@ -56,6 +56,8 @@ def make(*roots: Annotated[Path, Parameter(name="SCENE")], out: Path, jobs: Jobs
     """
     by_folder = scenes_by_folder(roots)
     scenes = [(path, out / folder / name) for folder, found in by_folder.items() for name, path in found.items()]
+    for _, results in scenes:
+        results.parent.mkdir(parents=True, exist_ok=True)
     with single_threaded(), ThreadPoolExecutor(jobs) as pool:
         for (path, _), problem in zip(scenes, pool.map(_solve, scenes), strict=True):
             print(f"{path}: {problem or 'solved'}")

@@ -231,7 +231,9 @@ class TestCommand:
     )
     def test_wrong_usage(self, scenes: str, arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
         assert main(["batch", scenes, *arguments]) == 2
-        assert "Error" in capsys.readouterr().err
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("gtlayout: ")
+        assert line.endswith("(gtlayout batch --help says more)")
 
     def test_known_problems(
         self, scenes: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

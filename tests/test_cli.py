@@ -21,7 +21,7 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.results.layout_files import read_layout
 from gtlayout.version import __version__
 
-RESULTS = {"layout.json", "layout.glb", "layout.ply", "quality.json", "review.json", "config.json"}
+RESULTS = {"layout.json", "layout.glb", "layout.ply", "quality.json", "review.json", "config.json", "evidence.json"}
 TIMINGS = "timings.json"
 
 Edit = Callable[[Path, Callable[[Any], object]], None]

@@ -157,8 +157,8 @@ def test_narrow_tables_leave_columns_out(solved: tuple[Path, dict[str, Any]]) ->
     scene, layout = load_solved(solved[0])
     quality = assess(scene, layout.instances, layout.planes, layout.extents, QualityConfig())
     names = {width: [str(c.header) for c in instance_table(layout, quality, width).columns] for width in (30, 60, None)}
-    assert names[None] == ["instance", "label", "area", "frames", "tracks", "σ normal", "σ depth", "IoU", "verdict"]
-    assert names[60] == ["instance", "area", "tracks", "σ normal", "σ depth", "IoU", "verdict"]
+    assert names[None] == ["instance", "area", "frames", "tracks", "σ normal", "σ depth", "LOA", "IoU", "verdict"]
+    assert names[60] == ["instance", "area", "tracks", "σ normal", "σ depth", "LOA", "IoU", "verdict"]
     assert names[30] == ["instance", "σ depth", "verdict"]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from shapely import Point
 
 from gtlayout.cli.app import main
@@ -258,7 +258,7 @@ def test_a_large_scene_prints_on_two_pages_too(solution: Solution, page: Page, t
     )
     words = "a reason that needs many words " * 12
     data["instances"] = (data["instances"] * 40)[:40]
-    data["dimensions"] = [{"kind": "width", "between": ["a", "b"], "length": 2.0, "sigma": 0.1}] * 20
+    data["dimensions"] = [one | {"of": "a – b"} for one in (data["dimensions"] * 20)[:20]]
     data["reasons"] = [{"reason": words, "names": ["wall_0"] * 30, "causes": [words]}] * 10
     data["headline"] = {"word": "redo", "reasons": [words] * 10}
     step = asdict(Step(words, words * 3, 0, "0 0 40 30", "M0 0L1 1Z"))
@@ -312,7 +312,7 @@ def test_report_works_in_a_browser(hostile: Path, page: Page, problems: list[str
     panel = page.locator("#plane-1")
     assert panel.get_attribute("open") is None
     page.locator("#instances tbody a").nth(1).click()
-    assert panel.get_attribute("open") is not None
+    expect(panel).to_have_attribute("open", "")
     assert panel.locator("td", has_text="all together").is_visible()
     assert panel.locator("svg.window path.dots").count() >= 1
     panel.locator("summary").press("Enter")

@@ -372,7 +372,7 @@ def test_comparison_works_in_a_browser_and_on_a_phone(
 ) -> None:
     changed = [replace(one, iou=one.iou - 0.1) if one.iou else one for one in RECORDS]
     other = made_run(tmp_path / "other", changed, seed=3)
-    out = tmp_path / "elsewhere/page.html"
+    out = tmp_path / "page.html"
     assert main(["report", str(run), "--against", str(other), "--out", str(out)]) == 0
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto(out.as_uri())

@@ -26,7 +26,8 @@ def remove(name: str, folder: Path) -> None:
 
 
 def garble_annotations(folder: Path) -> None:
-    """No text, nor JSON."""
+    """No text, nor JSON. The link is taken away first: what is written to it goes where it leads."""
+    (folder / "annotations.json").unlink()
     write_atomic(folder / "annotations.json", bytes(range(256)))
 
 

@@ -126,6 +126,8 @@ def _numbers(value: Any, shape: tuple[int, ...] | None = None) -> FloatArray:
     numbers = np.asarray(value, dtype=object).astype(np.float64)
     if numbers.shape != shape and (shape is not None or numbers.ndim != 1):
         raise ValueError(f"numbers of shape {numbers.shape}")
+    if np.isinf(numbers).any():
+        raise ValueError("a number that is not finite")
     return numbers
 
 

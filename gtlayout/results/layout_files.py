@@ -273,7 +273,7 @@ def _read_instance(
     plane = row["plane"]
     if row["label"] not in LABELS:
         raise ValueError(f"unknown label {row['label']!r}")
-    frame = PlaneFrame(reals(row["extent"]["origin"], (3,)), reals(row["extent"]["axes"], (2, 3)))
+    frame = _frame(row["extent"])
     return (
         instance,
         Plane(
@@ -301,8 +301,13 @@ def _read_accuracies(rows: Sequence[dict[str, Any]]) -> tuple[Accuracy, ...]:
     return tuple(found) if len(found) == len(rows) else ()
 
 
+def _frame(row: dict[str, Any]) -> PlaneFrame:
+    """Of an extent; a plane that is not placed has none, and nulls."""
+    return PlaneFrame(reals(row["origin"], (3,), unknown=True), reals(row["axes"], (2, 3), unknown=True))
+
+
 def _read_inferred(row: dict[str, Any]) -> Extent:
-    frame = PlaneFrame(reals(row["origin"], (3,)), reals(row["axes"], (2, 3)))
+    frame = _frame(row)
     region = _region(row["inferred"], frame)
     return Extent(frame, region, region)
 
