@@ -15,7 +15,7 @@ DEMO_EXTRAS := annotate,batch,colmap,dxf,report,view
 PYTEST := python -m pytest -n 2 --dist loadfile --max-worker-restart 1
 
 OLDER := $(addprefix tests/test_,$(addsuffix .py,last_bit synth synth_annotate synth_errors synth_images synth_paths \
-	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions floor_plan mesh quality real_clips))
+	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions solved_room measured floor_plan mesh quality real_clips))
 
 .PHONY: demo test test-older-cpu clean
 
