@@ -7,7 +7,6 @@ A page asks for it by a line of its own:
 * ``<!-- exports -->``: every format that layouts are exported to;
 * ``<!-- names -->``: what ``gtlayout`` offers to Python by itself;
 * ``<!-- schema -->``: every key of layout.json;
-* ``<!-- README.md: Limitations -->``: what stands under that heading of a file at the top of the repository;
 * ``<!-- CHANGELOG.md -->``: a file whole.
 """
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from mkdocs.structure.files import Files
     from mkdocs.structure.pages import Page
 
-_INSERT = re.compile(r"^<!-- (?:(\w+)|([A-Z]+\.md)(?:: (.+))?) -->$", re.MULTILINE)
+_INSERT = re.compile(r"^<!-- (?:(\w+)|([A-Z]+\.md)) -->$", re.MULTILINE)
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!\w+://|#)([^)]+)\)")
 """A link to a file of the repository."""
 _IMAGE = re.compile(r"^!\[[^\]]*\]\([^)]*\)\n", re.MULTILINE)
@@ -65,19 +64,10 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def _inserted(match: re.Match[str], to_root: str) -> str:
-    generator, file, heading = match.groups()
+    generator, file = match.groups()
     if generator:
         return _GENERATORS[generator]()
-    text = (ROOT / file).read_text(encoding="utf-8")
-    return repository_text(section(text, heading) if heading else text.partition("\n")[2], to_root)
-
-
-def section(text: str, heading: str) -> str:
-    """What stands under a second-level heading of a Markdown text. Raises ValueError when there is no such heading."""
-    found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
-    if found is None:
-        raise ValueError(f"no heading {heading!r}")
-    return found[1].strip()
+    return repository_text((ROOT / file).read_text(encoding="utf-8").partition("\n")[2], to_root)
 
 
 def repository_text(text: str, to_root: str) -> str:
