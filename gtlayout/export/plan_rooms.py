@@ -95,11 +95,35 @@ def _up_to(region: MultiPolygon, wall: Footprint, tolerance: float) -> MultiPoly
 def _without_slivers(region: MultiPolygon, tolerance: float) -> MultiPolygon:
     """The region without what hangs on it by a thread, such as what was cut off behind two walls' corner."""
     step = _ON_WALL * tolerance
-    parts = polygons(region.buffer(-step, join_style="mitre")).geoms
+    # Corners that differ by rounding alone would be bevelled.
+    clean = _simplified(polygons(shapely.set_precision(region, grid_for(tolerance))), _ON_WALL * step)
+    parts = polygons(clean.buffer(-step, join_style="mitre")).geoms
     large = MultiPolygon([part for part in parts if part.area > tolerance**2])
     whole = large.buffer(step, join_style="mitre")
     # The same corners, from the same one on, whatever the last bits of the planes are.
-    return polygons(shapely.set_precision(whole, grid_for(tolerance)).normalize().simplify(step))
+    return _simplified(polygons(shapely.set_precision(whole, grid_for(tolerance)).normalize()), step)
+
+
+def _simplified(region: MultiPolygon, step: float) -> MultiPolygon:
+    """The region without corners that lie within ``step`` of the line between their neighbours.
+
+    Twice, from another corner on: the one at which a ring begins is never left out.
+    """
+    for _ in range(2):
+        turned = [
+            [np.roll(corners, len(corners) // 2, axis=0) for corners in rings]
+            for rings in _rings(region.simplify(step))
+        ]
+        region = MultiPolygon([Polygon(outer, holes) for outer, *holes in turned])
+    return polygons(region.normalize())
+
+
+def _rings(region: BaseGeometry) -> list[list[FloatArray]]:
+    """Per polygon its outer ring and its holes, (N, 2) each, without the repeated last point."""
+    return [
+        [shapely.get_coordinates(ring)[:-1] for ring in (polygon.exterior, *polygon.interiors)]
+        for polygon in polygons(region).geoms
+    ]
 
 
 def _covered(region: BaseGeometry, wall: Footprint, away: float) -> list[FloatArray]:
