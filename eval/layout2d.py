@@ -38,7 +38,7 @@ from gtlayout.io.files import json_text, path_inside, read_json, write_all_atomi
 from gtlayout.io.pixels.images import decode, read_rgb
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
-from gtlayout.results.layout_files import read_layout
+from gtlayout.results.layout_reader import read_layout
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
 
 INDEX = "index.json"

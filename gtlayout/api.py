@@ -9,7 +9,8 @@ from pathlib import Path
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.layout import Layout
 from gtlayout.results.evidence import evidence_of
-from gtlayout.results.layout_files import read_solved, write_results
+from gtlayout.results.layout_files import write_results
+from gtlayout.results.layout_reader import read_solved
 from gtlayout.results.names import FOLDER
 from gtlayout.review.findings import Finding
 from gtlayout.scene import Scene

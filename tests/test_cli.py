@@ -18,7 +18,7 @@ import gtlayout.method
 from gtlayout.cli.app import main
 from gtlayout.export import EXPORTERS
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.results.layout_files import read_layout
+from gtlayout.results.layout_reader import read_layout
 from gtlayout.version import __version__
 
 RESULTS = {"layout.json", "layout.glb", "layout.ply", "quality.json", "review.json", "config.json", "evidence.json"}

@@ -24,7 +24,8 @@ from gtlayout.io.files import write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh, vertex_sigma
 from gtlayout.quality.assess import Quality, assess
-from gtlayout.results.layout_files import read_layout, write_results
+from gtlayout.results.layout_files import write_results
+from gtlayout.results.layout_reader import read_layout
 from gtlayout.results.tables import dimensions, headline_text, instance_table, markdown, measures, reasons
 from gtlayout.scene import Scene
 

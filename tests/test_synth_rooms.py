@@ -14,7 +14,8 @@ from synth_views import HEIGHT, SEED, WIDTH, every_kind, the_room, views
 from gtlayout.scene import OPENINGS, FloatArray
 from gtlayout.synth.curved_plans import bay, round_corner
 from gtlayout.synth.furniture import LOW_M, furnish
-from gtlayout.synth.plans import SKEW_DEG, Plan, l_shaped, polygon, slanted, two_rooms
+from gtlayout.synth.outlines import SKEW_DEG
+from gtlayout.synth.plans import Plan, l_shaped, polygon, slanted, two_rooms
 from gtlayout.synth.render import cast
 from gtlayout.synth.room import CLEARANCE_M, RoomKind, make_room
 from gtlayout.synth.surfaces import Surface

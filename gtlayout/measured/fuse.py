@@ -117,6 +117,7 @@ def _moved(room: SolvedRoom, estimate: Estimate, posterior: Posterior) -> Estima
         covariance=covariance,
         landmarks=factor * estimate.landmarks,
         contact_offsets={pair: factor * offset for pair, offset in estimate.contact_offsets.items()},
+        # Empty where nobody asked what each kind of evidence says.
         trails=tuple(trail.measured(factor, plane) for trail, plane in zip(estimate.trails, planes, strict=False)),
         iterations=tuple(
             Iteration(one.cost, one.planes * np.array([1.0, 1.0, 1.0, factor])) for one in estimate.iterations

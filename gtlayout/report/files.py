@@ -17,7 +17,8 @@ from gtlayout.report.frames import photo
 from gtlayout.report.page import environment, page
 from gtlayout.results.evidence import evidence_of
 from gtlayout.results.evidence_file import read_evidence
-from gtlayout.results.layout_files import package_versions, read_solved
+from gtlayout.results.layout_files import package_versions
+from gtlayout.results.layout_reader import read_solved
 from gtlayout.results.names import TIMINGS_FILE
 from gtlayout.results.review_file import read_review
 from gtlayout.solution import Solution

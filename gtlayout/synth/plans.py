@@ -1,7 +1,7 @@
 """Plans of synthetic rooms other than the box: bare panels, before furniture and materials (metres, z up).
 
 The near end (low y) is left free for cameras, what is worth seeing lies at the far end. Half of all plans are mirrored
-(x → -x). Rooms are slightly crooked: corners are off by up to ``CROOKED_M``.
+(x → -x). Rooms are slightly crooked: corners are off by up to ``outlines.CROOKED_M``.
 """
 
 from __future__ import annotations
@@ -16,12 +16,8 @@ from shapely import Polygon
 from gtlayout.instances import PlaneFrame
 from gtlayout.scene import FloatArray, Label
 from gtlayout.synth.arcs import Arc
+from gtlayout.synth.outlines import crooked, inset, skew_outline
 
-CROOKED_M = 0.05
-SKEW_DEG = 6.0
-"""Walls of a ``polygon`` room are at least so far from parallel and from square to each other."""
-MIN_DENT_DEG = 25.0
-"""A corner of it that points inwards does so by that much."""
 HEADROOM_M = 2.0
 """Lower places below a slanted ceiling are no good for standing or for tall furniture."""
 LAMP_M = 0.3
@@ -95,7 +91,7 @@ def l_shaped(rng: np.random.Generator) -> Plan:
     notch = rng.uniform((0.42, 0.36), (0.5, 0.44)) * (width, length)
     corners = [(0, 0), (width, 0), (width, length - notch[1]), (width - notch[0], length - notch[1])]
     corners += [(width - notch[0], length), (0, length)]
-    panels = _shell(_crooked(corners, rng), height)
+    panels = _shell(crooked(corners, rng), height)
     right, front, far = panels[3], panels[4], panels[6]
     door = centred("door_0", "door", front, rng.uniform(0.4, 0.6), door_size(rng))
     windows = [
@@ -111,7 +107,7 @@ def l_shaped(rng: np.random.Generator) -> Plan:
 def polygon(rng: np.random.Generator) -> Plan:
     """Five or six walls, none at right angles or parallel to another; two of five have a corner that points inwards."""
     height = rng.uniform(2.4, 2.8)
-    corners = _skew_outline(rng)
+    corners = skew_outline(rng)
     panels = _shell(corners, height)
     towards = [-panel.normal[1] * panel.width_m for panel in panels[2:]]
     first, second = (panels[2 + int(k)] for k in np.argsort(towards)[::-1][:2])
@@ -129,9 +125,9 @@ def slanted(rng: np.random.Generator) -> Plan:
     width, length, height = rng.uniform((4.0, 4.4, 2.45), (4.8, 5.4, 2.7))
     knee, tangent = rng.uniform(1.05, 1.25), np.tan(np.deg2rad(rng.uniform(40, 50)))
     sloped = (False, bool(rng.integers(2)), False, True)
-    base = _crooked([(0, 0), (width, 0), (width, length), (0, length)], rng)
-    top = _inset(base, sloped, (height - knee) / tangent)
-    upright = Polygon(_inset(base, sloped, (HEADROOM_M - knee) / tangent))
+    base = crooked([(0, 0), (width, 0), (width, length), (0, length)], rng)
+    top = inset(base, sloped, (height - knee) / tangent)
+    upright = Polygon(inset(base, sloped, (HEADROOM_M - knee) / tangent))
     panels = [
         Panel("floor", "floor", at_height(base, 0.0)),
         Panel("ceiling", "ceiling", at_height(top, height)[::-1]),
@@ -157,7 +153,7 @@ def slanted(rng: np.random.Generator) -> Plan:
     ]
     # Where a door fits below the slopes of the far wall.
     size = door_size(rng)
-    below = _inset(base, sloped, (size[1] - knee) / tangent)
+    below = inset(base, sloped, (size[1] - knee) / tangent)
     low, high = np.sort(panels[4].frame.to_plane(at_height(below[[2, 3]], 0.0))[:, 0])
     door = _opening("door_0", "door", panels[4], (rng.uniform(low + 0.15, high - size[0] - 0.15), 0.0), size)
     window = centred("window_0", "window", slopes[-1], rng.uniform(0.55, 0.7), (0.8, 1.0), 0.35)
@@ -175,7 +171,7 @@ def two_rooms(rng: np.random.Generator) -> Plan:
     of the wall, where it meets the first.
     """
     width, length, height = rng.uniform((3.8, 4.0, 2.4), (4.8, 4.8, 2.8))
-    base = _crooked([(0, 0), (width, 0), (width, length), (0, length)], rng)
+    base = crooked([(0, 0), (width, 0), (width, length), (0, length)], rng)
     main = _shell(base, height)
     # The second room, in a frame along the wall: s to the right, t away from the cameras.
     span = float(np.linalg.norm(base[2] - base[3]))
@@ -185,7 +181,7 @@ def two_rooms(rng: np.random.Generator) -> Plan:
     low = rng.uniform(0.3, 0.5) * (span - size[0])
     left, right, far = rng.uniform((-0.8, span + 0.2, thick + 2.8), (-0.2, span + 0.8, thick + 3.6))
     second_height = max(size[1] + 0.15, height + rng.uniform(-0.15, 0.15))
-    far_end = _crooked([(right, far), (left, far)], rng)
+    far_end = crooked([(right, far), (left, far)], rng)
     outline = base[3] + np.array([(left, thick), (right, thick), *far_end]) @ axes
     posts = base[3] + np.array([(low, 0), (low + size[0], 0), (low + size[0], thick), (low, thick)]) @ axes
 
@@ -289,52 +285,6 @@ def before(panel: Panel, depth_m: float = 0.9) -> Polygon:
 def near_end(reach_m: float, up_to_y_m: float) -> Polygon:
     """The place that is left to the cameras, x and y."""
     return shapely.box(-reach_m, -10.0, 2 * reach_m, up_to_y_m)
-
-
-def _crooked(corners: Sequence[tuple[float, float]], rng: np.random.Generator) -> FloatArray:
-    outline = np.array(corners, float)
-    return outline + rng.uniform(-CROOKED_M, CROOKED_M, outline.shape)
-
-
-def _skew_outline(rng: np.random.Generator) -> FloatArray:
-    """(5 or 6, 2) counter-clockwise corners, first tried, then looked at."""
-    dented = rng.uniform() < 0.4
-    radii_m = np.array([3.1, 3.3] if dented else [2.7, 2.9])
-    while True:
-        count = int(rng.integers(5, 7))
-        angle = 2 * np.pi * (np.arange(count) + rng.uniform(-0.22, 0.22, count) + rng.uniform()) / count
-        outline = rng.uniform(0.85, 1.15, (count, 1)) * radii_m * np.column_stack([np.cos(angle), np.sin(angle)])
-        if dented:
-            # The farthest corner: the near end is for cameras.
-            outline[np.argmax(outline[:, 1])] *= 0.25
-        sides = np.roll(outline, -1, axis=0) - outline
-        turn_deg = np.rad2deg(np.arctan2(*_cross_dot(np.roll(sides, 1, axis=0), sides)))
-        direction_deg = np.rad2deg(np.arctan2(sides[:, 1], sides[:, 0]))
-        between = np.abs(direction_deg[:, None] - direction_deg)[np.triu_indices(count, 1)]
-        off_right_angle_deg = np.abs((between + 45) % 90 - 45).min()
-        area = Polygon(outline).area
-        if (
-            off_right_angle_deg > SKEW_DEG
-            and np.linalg.norm(sides, axis=1).min() > 1.4
-            and np.abs(turn_deg).max() < 110
-            and (turn_deg.min() < -MIN_DENT_DEG if dented else turn_deg.min() > 0)
-            and 12 < area < 22
-        ):
-            return outline - outline.min(axis=0)
-
-
-def _cross_dot(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1)
-
-
-def _inset(outline: FloatArray, moved: Sequence[bool], by_m: float) -> FloatArray:
-    """(N, 2) outline with some of its sides moved inwards."""
-    sides = np.roll(outline, -1, axis=0) - outline
-    inwards = np.column_stack([-sides[:, 1], sides[:, 0]]) / np.linalg.norm(sides, axis=1)[:, None]
-    offset = (inwards * outline).sum(axis=1) + by_m * np.array(moved)
-    return np.stack(
-        [np.linalg.solve(inwards[[side - 1, side]], offset[[side - 1, side]]) for side in range(len(outline))]
-    )
 
 
 def at_height(points_xy: FloatArray, height_m: float) -> FloatArray:
