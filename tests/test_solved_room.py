@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rooms
+import shapely
 from scipy.linalg import block_diag
 
 from gtlayout.accuracy import SIGMAS_95, accuracy_of, level_of
@@ -142,6 +143,16 @@ def test_what_lies_behind_its_wall_is_as_uncertain_as_what_a_reveal_hides() -> N
     left, right = ((2.0 - 1.6) / 4.1, (2.8 - 2.0) / 4.1)
     hidden = [0.1 * slope / np.sqrt(3) for slope in (left, right)]
     assert found["opening width"].drawn_sigma == pytest.approx(np.linalg.norm([drawn, drawn, *hidden]))
+
+
+def test_slivers_of_a_door_have_no_width() -> None:
+    """What a wrong plane leaves of a drawing may be pieces far apart, with nothing where one would hold the tape."""
+    room = room_of((*rooms.BOX, DOOR))
+    extent = room.extents[6]
+    left, low, right, high = extent.region.bounds
+    pieces = [shapely.box(left, low, right, low + 0.01), shapely.box(left, high - 0.01, right, high)]
+    cut = replace(extent, region=shapely.MultiPolygon(pieces))
+    assert opening_dimensions(replace(room, extents=(*room.extents[:6], cut))) == []
 
 
 def test_openings_that_are_cut_or_hidden_have_no_width() -> None:
