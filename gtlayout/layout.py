@@ -85,5 +85,5 @@ def as_trimesh(layout: Layout) -> trimesh.Trimesh:
     mesh = layout.triangles
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
-    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
+    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes, layout.extents).astype(np.float32)
     return made

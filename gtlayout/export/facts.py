@@ -8,6 +8,7 @@ from gtlayout.export import unit
 from gtlayout.export.upright import z_up_from_world
 from gtlayout.figures import is_known
 from gtlayout.geometry.depth import depth_at_centroid
+from gtlayout.geometry.strip import strip_of
 from gtlayout.io.files import printable
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
@@ -24,7 +25,7 @@ def facts(scene: Scene, layout: Layout, index: int) -> dict[str, Fact]:
     ``covariance_world`` of (n, d), by rows, in the world frame of the input cameras.
     """
     instance, plane, extent = layout.instances[index], layout.planes[index], layout.extents[index]
-    sigma_depth, _ = depth_at_centroid(scene, instance, plane)
+    sigma_depth, _ = depth_at_centroid(scene, instance, plane, strip_of(extent))
     numbers = {
         "sigma_normal_deg": plane.sigma_normal_deg,
         "sigma_depth": sigma_depth,

@@ -158,7 +158,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "next_measurement": next_row(layout),
         "mesh": {
             "vertices": layout.triangles.vertices,
-            "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
+            "vertex_sigma": vertex_sigma(layout.triangles, layout.planes, layout.extents),
             "faces": layout.triangles.faces,
             "face_instance": [layout.instances[i].name for i in layout.triangles.face_instance],
         },
