@@ -63,8 +63,9 @@ def curved_walls(
         evidence = evidence_of(scene, instances, planes, index, rays, own, tracks.key_frame, edges, config)
         origin = np.median(evidence.points, axis=0)
         axes = np.vstack([PlaneFrame.across(up, origin).axes, up])
-        profile = profile_of(evidence.thinned(config.judged_tracks), origin, axes[:2], unit, config)
-        if not _is_round(profile, index in drawn, config):
+        least = () if index in drawn else (config.min_gain, config.min_gain_each)
+        profile = profile_of(evidence.thinned(config.judged_tracks), origin, axes[:2], unit, config, *least)
+        if profile is None or not _is_round(profile, index in drawn, config):
             continue
         cylinder = fit(evidence, planes, profile, origin, axes, unit, config)
         wall = _wall(index, cylinder, evidence, profile, unit, config)

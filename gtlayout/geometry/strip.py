@@ -41,10 +41,11 @@ class StripFrame(PlaneFrame):
         """The strip of a wall, in facets that are nowhere farther off than ``tolerance``, world unit."""
         cylinder, middle = wall.cylinder, sum(wall.arc_rad) / 2
         half = np.arccos(np.clip(1 - tolerance / cylinder.radius, 0.5, 1.0))
-        return cls._about(cylinder, middle, wall.concave, 2 * float(half) * cylinder.radius)
+        return cls.about(cylinder, middle, wall.concave, 2 * float(half) * cylinder.radius)
 
     @classmethod
-    def _about(cls, cylinder: Cylinder, middle_rad: float, concave: bool, step: float) -> Self:
+    def about(cls, cylinder: Cylinder, middle_rad: float, concave: bool, step: float) -> Self:
+        """The strip that touches the plane at an angle about the axis, radians."""
         origin = cylinder.points(np.array([middle_rad]), np.zeros(1))[0]
         outwards = np.array([np.cos(middle_rad), np.sin(middle_rad)]) @ cylinder.axes[:2]
         up = cylinder.axes[2]
@@ -59,6 +60,14 @@ class StripFrame(PlaneFrame):
     def angles(self, u: FloatArray) -> FloatArray:
         """(N,) angles about the axis at (N,) places along the arc, radians."""
         return self.middle_rad + self.sense * u / self.cylinder.radius
+
+    def arc_rad(self, region: MultiPolygon) -> tuple[float, float]:
+        """Between which angles about the axis a region in this frame lies, radians, the first less; NaN for none."""
+        if region.is_empty:
+            return np.nan, np.nan
+        low, _, high, _ = region.bounds
+        first, last = sorted(self.angles(np.array([low, high])).tolist())
+        return first, last
 
     def to_world(self, points_uv: FloatArray) -> FloatArray:
         """(N, 2) → (N, 3)."""
@@ -75,7 +84,7 @@ class StripFrame(PlaneFrame):
         cylinder = self.cylinder.scaled(scale)
         cylinder = cylinder if rotation is None else cylinder.turned(rotation)
         cylinder = cylinder if shift is None else cylinder.moved(shift)
-        return self._about(cylinder, self.middle_rad, self.concave, scale * self.step)
+        return self.about(cylinder, self.middle_rad, self.concave, scale * self.step)
 
     def by_uv(self, points_uv: FloatArray) -> FloatArray:
         """(N, 2, 3) derivatives of the world points by u and v."""
