@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from gtlayout.accuracy import UPPER_ENDS_M
 from gtlayout.correspondence.config import CorrespondenceConfig
+from gtlayout.curved.config import CurvedConfig
 from gtlayout.edges import EdgeConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.extent.config import ExtentConfig
@@ -38,6 +39,7 @@ class Config:
     edges: EdgeConfig = field(default_factory=EdgeConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
     regrouping: RegroupingConfig = field(default_factory=RegroupingConfig)
+    curved: CurvedConfig = field(default_factory=CurvedConfig)
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
     seed: int = 0

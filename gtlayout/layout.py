@@ -10,8 +10,10 @@ import numpy as np
 
 from gtlayout.accuracy import Accuracy
 from gtlayout.colors import LABEL_COLORS
+from gtlayout.cylinder import Cylinder
 from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage, render
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Dimension, Extent, Instance, Mesh, NextMeasurement, Plane, Quantity
 from gtlayout.measurement import Checked, Scale
 from gtlayout.mesh import build_mesh, vertex_sigma
@@ -53,7 +55,14 @@ class Layout:
     def __repr__(self) -> str:
         labels = Counter(instance.label for instance in self.instances)
         counted = ", ".join(f"{count} {label}" for label, count in labels.items())
+        counted += f"; {len(self.curved)} of them curved" if self.curved else ""
         return f"<Layout: {len(self.instances)} instances ({counted}), {'metric' if self.metric else 'without a unit'}>"
+
+    @property
+    def curved(self) -> dict[int, Cylinder]:
+        """The cylinders of the walls that are curved, by their index. Their extents lie on these, and not on the plane
+        of the same index, which is only the best one."""
+        return {i: strip.cylinder for i, extent in enumerate(self.extents) if (strip := strip_of(extent))}
 
     def mesh(self) -> trimesh.Trimesh:
         """``triangles`` as a trimesh, with label colours on its faces.
@@ -85,5 +94,5 @@ def as_trimesh(layout: Layout) -> trimesh.Trimesh:
     mesh = layout.triangles
     colors = np.array([LABEL_COLORS[instance.label] for instance in layout.instances], dtype=np.uint8)
     made = trimesh.Trimesh(mesh.vertices, mesh.faces, face_colors=colors[mesh.face_instance], process=False)
-    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes).astype(np.float32)
+    made.vertex_attributes["sigma"] = vertex_sigma(mesh, layout.planes, layout.extents).astype(np.float32)
     return made

@@ -14,6 +14,7 @@ from shapely import MultiPoint, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.polygons import grid_for, polygons
+from gtlayout.geometry.strip import pieces, sigma_along_normal
 from gtlayout.instances import Extent, Instance, Mesh, Plane
 from gtlayout.scene import FloatArray, IntArray
 
@@ -54,8 +55,8 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
     triangles, corners_uv, owners = [], [], []
     for i, (region, extent) in enumerate(zip(regions, extents, strict=True)):
         others = np.concatenate([corner for j, corner in enumerate(corners) if j != i] or [np.empty((0, 3))])
-        parts = _triangulate(_take_over(region, extent, others, reach, grid))
-        for part in parts:
+        taken = _take_over(region, extent, others, reach, grid)
+        for part in (part for piece in pieces(taken, extent.frame) for part in _triangulate(piece)):
             triangles.append(extent.frame.to_world(part))
             corners_uv.append(part)
             owners.append(i)
@@ -68,8 +69,8 @@ def build_mesh(instances: Sequence[Instance], extents: Sequence[Extent]) -> Mesh
     return Mesh(vertices, faces[proper], np.array(owners, dtype=np.int64)[proper])
 
 
-def vertex_sigma(mesh: Mesh, planes: Sequence[Plane]) -> FloatArray:
-    """(V,) σ of the plane's position along its normal at each vertex, world unit.
+def vertex_sigma(mesh: Mesh, planes: Sequence[Plane], extents: Sequence[Extent]) -> FloatArray:
+    """(V,) σ of the surface's position along its normal at each vertex, world unit.
 
     Where instances share a vertex it is the largest of theirs; NaN for a vertex that no triangle uses. The σ of a depth
     seen there is this divided by the cosine between the normal and the viewing direction.
@@ -77,7 +78,7 @@ def vertex_sigma(mesh: Mesh, planes: Sequence[Plane]) -> FloatArray:
     sigma = np.full(len(mesh.vertices), np.nan)
     for i in np.unique(mesh.face_instance):
         own = np.unique(mesh.faces[mesh.face_instance == i])
-        sigma[own] = np.fmax(sigma[own], planes[i].sigma_offset(mesh.vertices[own]))
+        sigma[own] = np.fmax(sigma[own], sigma_along_normal(planes[i], extents[i], mesh.vertices[own]))
     return sigma
 
 

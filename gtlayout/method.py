@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 from threadpoolctl import threadpool_limits
 
@@ -17,11 +17,13 @@ from gtlayout.camera_errors.propagate import camera_response
 from gtlayout.camera_errors.wording import camera_error_lines
 from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
+from gtlayout.curved.strips import find_curved, strips_of
 from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.dimensions.take import take_dimensions
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import with_sigma_depth
+from gtlayout.geometry.strip import StripFrame, strip_of
 from gtlayout.instances import Extent, Instance
 from gtlayout.layout import Layout
 from gtlayout.measured.fuse import as_measured, fuse
@@ -195,7 +197,7 @@ def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None
     Raises ``GtlayoutError`` when no plane at all can be determined.
     """
     with (stage or Stages())("estimation"):
-        return estimate(prepared, config.estimation, config.seed + restart)
+        return estimate(prepared.flat, config.estimation, config.seed + restart)
 
 
 def lay_out(
@@ -214,8 +216,9 @@ def lay_out(
     """
     scene = prepared.given_scene
     estimated = solved.to_world(prepared.form.similarity, prepared.form.anchor)
-    found = Found(prepared.given_instances, prepared.edges, estimated)
     stage = stage or Stages()
+    strips = strips_of(prepared, solved.planes, config.curved)
+    found = Found(prepared.given_instances, prepared.edges, estimated, strips)
     layout, quality = _laid_out(scene, found, config, stage, known, drawn_before, shrink)
     return Solution(
         scene=replace(scene, warnings=(*scene.warnings, *prepared.warnings, *estimated.warnings)),
@@ -242,7 +245,9 @@ def with_measurements(solution: Solution, stage: Stages | None = None) -> Soluti
         room = SolvedRoom(solution.scene, layout.instances, layout.planes, layout.extents)
         fused, warnings = fuse(room, solution.estimate)
     if fused is not None:
-        found = Found(layout.instances, solution.edges, fused.estimate)
+        on = {i: strip for i, extent in enumerate(layout.extents) if (strip := strip_of(extent))}
+        strips = {i: strip.moved(fused.scale.factor) for i, strip in on.items()}
+        found = Found(layout.instances, solution.edges, fused.estimate, strips)
         layout, quality = _laid_out(fused.scene, found, solution.config, stage)
         solution = replace(
             solution,
@@ -268,6 +273,8 @@ class Found:
     instances: tuple[Instance, ...]
     edges: tuple[ContactEdge, ...]
     estimate: Estimate
+    strips: Mapping[int, StripFrame]
+    """Of the walls that are curved."""
 
 
 def _laid_out(
@@ -280,10 +287,18 @@ def _laid_out(
     shrink: float = 1.0,
 ) -> tuple[Layout, Quality]:
     instances = found.instances
-    planes = with_sigma_depth(scene, instances, found.estimate.planes)
+    planes = with_sigma_depth(scene, instances, found.estimate.planes, found.strips)
     with stage("extents"):
         extents = compute_extents(
-            scene, instances, planes, found.edges, config.extent, found.estimate.contact_offsets, known, drawn_before
+            scene,
+            instances,
+            planes,
+            found.edges,
+            config.extent,
+            found.estimate.contact_offsets,
+            known,
+            drawn_before,
+            found.strips,
         )
     with stage("mesh"):
         mesh = build_mesh(instances, extents)
@@ -308,12 +323,14 @@ def _laid_out(
 def regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:
     """Solve planes, join or split instances by them, and solve again, until they stay the same.
 
-    At most ``config.regrouping.rounds`` times.
+    At most ``config.regrouping.rounds`` times. Then walls that are curved are told from flat ones: without their
+    contacts the planes are solved once more.
     """
     solved = solve_planes(prepared, config, stage)
     for _ in range(config.regrouping.rounds):
         with stage("regrouping"):
-            change = regroup(prepared, solved, config.regrouping, config.extent)
+            is_curved = cache(partial(_is_curved, prepared, solved, config))
+            change = regroup(prepared, solved, config.regrouping, config.extent, is_curved)
         if change is None:
             break
         with stage("edges"):
@@ -329,9 +346,17 @@ def regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepar
             warnings=(*prepared.warnings, *change.messages),
         )
         solved = solve_planes(prepared, config, stage)
+    with stage("curved walls"):
+        prepared = replace(prepared, curved=find_curved(prepared, solved.planes, config.edges, config.curved))
+    if prepared.curved:
+        solved = solve_planes(prepared, config, stage)
     stage.observer.instances(prepared.given_instances, prepared.track_instance)
     stage.observer.edges(prepared.edges)
     return prepared, solved
+
+
+def _is_curved(prepared: Prepared, solved: Estimate, config: Config, index: int) -> bool:
+    return bool(find_curved(prepared, solved.planes, config.edges, config.curved, (index,)))
 
 
 def _run(prepared: Prepared, first: Estimate, config: Config, stage: Stages, restart: int) -> Solution:

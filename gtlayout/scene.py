@@ -165,6 +165,8 @@ class Element:
     """Its whole outline within the image, drawn through furniture, px."""
     visible: MultiPolygon
     """Rough outlines of the textured parts that are seen, px; may be empty."""
+    curved: bool = False
+    """Whether the annotator says that it is curved; only of walls."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import numpy as np
 from synth_views import SEED, the_room, views
 
 from gtlayout.curved.config import CurvedConfig
-from gtlayout.curved.cylinder import CurvedWall
 from gtlayout.curved.find import curved_walls
+from gtlayout.cylinder import CurvedWall
 from gtlayout.edges import EdgeConfig
 from gtlayout.geometry.raster import spread_points
 from gtlayout.instances import Instance, Plane

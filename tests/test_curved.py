@@ -11,7 +11,7 @@ from curved_rooms import Measured, measured
 from synth_views import the_room
 
 from gtlayout.curved.config import CurvedConfig
-from gtlayout.curved.cylinder import Cylinder
+from gtlayout.cylinder import Cylinder
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.scene import FloatArray
 from gtlayout.synth.arcs import Arc

@@ -35,11 +35,13 @@ def test_cvat_labels() -> None:
     for label in drawn:
         assert label["type"] == ("polyline" if label["name"] == "occlusion_edge" else "any")
         wanted = ["id"] if label["name"] in LABELS else ["element"] if label["name"] == "visible" else []
+        wanted += ["curved"] if label["name"] == "wall" else []
         assert [attribute["name"] for attribute in label["attributes"]] == wanted
         for attribute in label["attributes"]:
-            assert attribute["input_type"] == "text"
+            is_box = attribute["name"] == "curved"
+            assert attribute["input_type"] == ("checkbox" if is_box else "text")
             assert attribute["mutable"] is True
-            assert attribute["values"] == [attribute["default_value"]] == [""]
+            assert attribute["values"] == [attribute["default_value"]] == ["false" if is_box else ""]
 
 
 def test_label_studio_config() -> None:
@@ -50,7 +52,7 @@ def test_label_studio_config() -> None:
     assert labels == {"PolygonLabels": OURS[:-1], "BrushLabels": OURS[:-1], "VectorLabels": OURS[-1:]}
     assert _understood(labels["PolygonLabels"] + labels["VectorLabels"])
     asked = {view.get("whenLabelValue"): [area.get("name") for area in view] for view in root.findall("View")}
-    assert asked == {",".join(LABELS): ["id"], "visible": ["element"]}
+    assert asked == {",".join(LABELS): ["id"], "wall": ["curved"], "visible": ["element"]}
 
 
 def test_label_studio_accepts_its_config(tmp_path: Path) -> None:

@@ -223,7 +223,9 @@ def test_ply_is_in_the_world_of_the_cameras_and_coloured_by_label(
     expected = np.array([LABEL_COLORS[layout.instances[i].label] for i in layout.triangles.face_instance])
     np.testing.assert_array_equal(surface.visual.face_colors[:, :3], expected)
     sigma = surface.metadata["_ply_raw"]["vertex"]["data"]["sigma"].ravel()
-    np.testing.assert_array_equal(sigma, vertex_sigma(layout.triangles, layout.planes).astype(np.float32))
+    np.testing.assert_array_equal(
+        sigma, vertex_sigma(layout.triangles, layout.planes, layout.extents).astype(np.float32)
+    )
     assert sigma.max() > 0
 
 

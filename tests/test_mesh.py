@@ -182,9 +182,10 @@ def test_sigma_of_vertices_by_hand() -> None:
     mesh = _mesh((rooms.FLOOR, rooms.LEFT))
     floor = replace(rooms.FLOOR.plane, covariance=np.diag([0, np.deg2rad(2.0) ** 2, 0, 0.01**2]))
     wall = replace(rooms.LEFT.plane, covariance=np.diag([0, 0, 0, 0.03**2]))
+    extents = [rooms.FLOOR.extent, rooms.LEFT.extent]
     by_place = {
         tuple(vertex.round(6)): sigma
-        for vertex, sigma in zip(mesh.vertices, vertex_sigma(mesh, [floor, wall]), strict=True)
+        for vertex, sigma in zip(mesh.vertices, vertex_sigma(mesh, [floor, wall], extents), strict=True)
     }
     far = np.hypot(0.01, DEPTH * np.deg2rad(2.0))
     assert by_place == pytest.approx(
@@ -202,5 +203,6 @@ def test_sigma_of_vertices_by_hand() -> None:
 def test_a_vertex_that_nothing_uses_has_no_sigma() -> None:
     mesh = Mesh(np.eye(4, 3), np.array([[0, 1, 2]]), np.array([0]))
     plane = Plane(np.ones(3) / np.sqrt(3), -1 / np.sqrt(3), np.diag([0, 0, 0, 4.0]), observable=True)
-    np.testing.assert_allclose(vertex_sigma(mesh, [plane]), [2.0, 2.0, 2.0, np.nan])
-    assert vertex_sigma(Mesh.empty(), [plane]).shape == (0,)
+    extents = [rooms.FAR.extent]
+    np.testing.assert_allclose(vertex_sigma(mesh, [plane], extents), [2.0, 2.0, 2.0, np.nan])
+    assert vertex_sigma(Mesh.empty(), [plane], extents).shape == (0,)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from shapely.affinity import scale as scaled
 
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Extent, Mesh, Plane, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import Camera, FloatArray, KeyFrame, Scene
@@ -59,7 +60,12 @@ class Similarity:
         )
 
     def _extent(self, extent: Extent) -> Extent:
-        frame = PlaneFrame(self.R.T @ (extent.frame.origin - self.t) / self.scale, extent.frame.axes @ self.R)
+        strip, shift = strip_of(extent), -self.R.T @ self.t / self.scale
+        frame = (
+            PlaneFrame(self.R.T @ (extent.frame.origin - self.t) / self.scale, extent.frame.axes @ self.R)
+            if strip is None
+            else strip.moved(1 / self.scale, self.R.T, shift)
+        )
         region, unrefined = (
             scaled(of, 1 / self.scale, 1 / self.scale, origin=(0, 0)) for of in (extent.region, extent.unrefined)
         )

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 
 from gtlayout.figures import figure
+from gtlayout.geometry.strip import sigma_along_normal
 from gtlayout.instances import Extent, Plane
 from gtlayout.prediction.predict import predict
 from gtlayout.solution import Solution
@@ -84,7 +85,7 @@ def position_sigma(plane: Plane, extent: Extent) -> float:
     corners = shapely.get_coordinates(extent.region)
     if not plane.observable or len(corners) == 0:
         return np.inf
-    sigma = float(np.sqrt(np.mean(plane.sigma_offset(extent.frame.to_world(corners)) ** 2)))
+    sigma = float(np.sqrt(np.mean(sigma_along_normal(plane, extent, extent.frame.to_world(corners)) ** 2)))
     return sigma if np.isfinite(sigma) else np.inf
 
 

@@ -19,6 +19,7 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.export.floor_level import floor_frame
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.polygons import grid_for, polygons
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Extent
 from gtlayout.solution import Solution
 
@@ -27,7 +28,7 @@ def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
     """The solution with ``layout.inferred``: for each instance what closes the room where nobody looked.
 
     It is a layer of its own, apart from the extents. Nothing else of the solution changes: quality, dimensions and mesh
-    are those of what was seen. Doors and windows are not continued. Where nothing tells which
+    are those of what was seen. Doors, windows and curved walls are not continued. Where nothing tells which
     way is up, the room is not closed, and the scene's warnings say so.
     """
     config = config or ClosingConfig()
@@ -35,7 +36,7 @@ def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
     shown = tuple(
         i
         for i, (instance, plane, extent) in enumerate(zip(layout.instances, layout.planes, layout.extents, strict=True))
-        if instance.host is None and plane.observable and not extent.region.is_empty
+        if instance.host is None and plane.observable and not extent.region.is_empty and strip_of(extent) is None
     )
     try:
         plan = Plan(floor_frame(scene, layout, shown)[0])

@@ -51,5 +51,8 @@ class CurvedConfig:
     """A cylinder of which less is seen is no better known than a plane."""
     sigma_lean: float = 0.01
     """σ of the lean of a wall against the floor's normal, radians."""
+    facet_tolerance_mm: float = 2.0
+    """Facets of a curved wall are nowhere farther from it, in scenes without a unit by thousandths of the length above.
+    A circle of radius 1 m is 50 of them."""
     rounds: int = 8
     """Re-weightings of the fit."""

@@ -7,10 +7,10 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from gtlayout.curved.config import CurvedConfig
-from gtlayout.curved.cylinder import CurvedWall, Cylinder
 from gtlayout.curved.evidence import WallEvidence, evidence_of
 from gtlayout.curved.fit import fit
 from gtlayout.curved.profile import Profile, profile_of
+from gtlayout.cylinder import CurvedWall, Cylinder
 from gtlayout.edges import EdgeConfig
 from gtlayout.geometry.depth import median_depth
 from gtlayout.instances import Instance, Plane, PlaneFrame
@@ -19,7 +19,7 @@ from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks
 
-_DEPTHS = 2.5
+LENGTHS_IN_DEPTH = 2.5
 """The unit of length is the median depth divided by this, as in stage 4."""
 _INLIER = 3.0
 """Points further off, in multiples of the relief or a hundredth of their depth, say nothing of how far a wall goes."""
@@ -37,6 +37,7 @@ def curved_walls(
     edges: EdgeConfig,
     config: CurvedConfig,
     drawn: Collection[int] = (),
+    only: Collection[int] | None = None,
 ) -> tuple[CurvedWall, ...]:
     """The walls that are upright cylinders, by their index among the ``instances``; planes stay as they are solved.
 
@@ -45,23 +46,26 @@ def curved_walls(
     by their feet, each alone, and most of the feet must agree: furniture bends tracks, and a wall drawn through a
     corner bends its foot.
 
-    Everything is in one world. Nothing is found where no floor or ceiling says what is upright.
+    Only some are looked at where ``only`` names them. Everything is in one world. Nothing is found where no floor or
+    ceiling says what is upright.
     """
     up = _upright(instances, planes)
-    unit = median_depth(scene, instances, planes) / _DEPTHS
+    unit = median_depth(scene, instances, planes) / LENGTHS_IN_DEPTH
     if up is None or not np.isfinite(unit):
         return ()
     track_instance = prefer_visible(scene, tracks, track_instance)
     found = []
     for index, instance in enumerate(instances):
         own = np.nonzero(track_instance == index)[0]
-        if instance.label != "wall" or len(own) < config.min_tracks:
+        asked = instance.label == "wall" and (only is None or index in only)
+        if not asked or not planes[index].observable or len(own) < config.min_tracks:
             continue
         evidence = evidence_of(scene, instances, planes, index, rays, own, tracks.key_frame, edges, config)
         origin = np.median(evidence.points, axis=0)
         axes = np.vstack([PlaneFrame.across(up, origin).axes, up])
-        profile = profile_of(evidence.thinned(config.judged_tracks), origin, axes[:2], unit, config)
-        if not _is_round(profile, index in drawn, config):
+        least = () if index in drawn else (config.min_gain, config.min_gain_each)
+        profile = profile_of(evidence.thinned(config.judged_tracks), origin, axes[:2], unit, config, *least)
+        if profile is None or not _is_round(profile, index in drawn, config):
             continue
         cylinder = fit(evidence, planes, profile, origin, axes, unit, config)
         wall = _wall(index, cylinder, evidence, profile, unit, config)

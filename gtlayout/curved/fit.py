@@ -10,9 +10,9 @@ import numpy as np
 from gtsam.symbol_shorthand import C, P
 
 from gtlayout.curved.config import CurvedConfig
-from gtlayout.curved.cylinder import Cylinder
 from gtlayout.curved.evidence import Foot, WallEvidence
 from gtlayout.curved.profile import Profile
+from gtlayout.cylinder import Cylinder
 from gtlayout.factors import cylinder_edge_factor, cylinder_track_factor, plane_prior_factor
 from gtlayout.instances import Plane
 from gtlayout.scene import FloatArray

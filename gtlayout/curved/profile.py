@@ -37,13 +37,26 @@ class Profile:
 
 
 def profile_of(
-    evidence: WallEvidence, origin: FloatArray, axes: FloatArray, unit: float, config: CurvedConfig
-) -> Profile:
-    """Fit a line and an arc to what shows a wall, in the frame of two level ``axes`` (2, 3) through ``origin`` (3,)."""
+    evidence: WallEvidence,
+    origin: FloatArray,
+    axes: FloatArray,
+    unit: float,
+    config: CurvedConfig,
+    least: float = 0.0,
+    least_each: float = -np.inf,
+) -> Profile | None:
+    """Fit a line and an arc to what shows a wall, in the frame of two level ``axes`` (2, 3) through ``origin`` (3,).
+
+    None where no arc can gain so much as is asked at ``least``, in all or by tracks and feet ``each``: it gains at most
+    what the line costs. So most flat walls need no arc.
+    """
     level = _Level(evidence, origin, axes, unit, config)
     turns = np.linspace(0, np.pi, _DIRECTIONS, endpoint=False)
     normals = np.column_stack([np.cos(turns), np.sin(turns)])
     line = level.best(_line, [np.array([t, np.median(level.points @ n)]) for t, n in zip(turns, normals, strict=True)])
+    on_line, foot_line = level.costs(_line, line)
+    if on_line + foot_line <= least or min(on_line, foot_line) <= least_each:
+        return None
     normal = np.array([np.cos(line[0]), np.sin(line[0])])
     arcs = [
         np.append(line[1] * normal + side * radius * unit * normal, np.log(radius * unit))
@@ -51,7 +64,7 @@ def profile_of(
         for radius in _RADII
     ]
     arc = level.best(_arc, arcs)
-    (on_line, foot_line), (on_arc, foot_arc) = level.costs(_line, line), level.costs(_arc, arc)
+    on_arc, foot_arc = level.costs(_arc, arc)
     measurements = level.weight.sum() + config.edge_weight * len(evidence.feet)
     price = 0.5 * float(np.log(max(measurements, 1.0)))
     bent = float(np.mean(level.foot_costs(_arc, arc) < level.foot_costs(_line, line))) if evidence.feet else 0.0

@@ -12,6 +12,7 @@ from gtlayout.dimensions.facing import Taken
 from gtlayout.dimensions.measurable import Measurable
 from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Quantity, QuantityKind
 from gtlayout.scene import FloatArray, Label
 
@@ -58,7 +59,11 @@ def _net(room: SolvedRoom, index: int) -> tuple[Measurable, bool]:
 
 
 def _area(room: SolvedRoom, index: int) -> tuple[Measurable, bool]:
+    """Of a curved wall it is known as its radius is; whether its outline is closed is not looked at."""
     extent, normal = room.extents[index], room.planes[index].normal
+    if strip := strip_of(extent):
+        share = strip.cylinder.sigma_radius / strip.cylinder.radius
+        return Measurable(extent.region.area, np.zeros(4 * len(room.planes)), share * extent.region.area), False
     gradient = np.zeros(4 * len(room.planes))
     fixed = total = drawn = 0.0
     for polygon in polygons(extent.region.simplify(_STRAIGHT_SHARE * room.size)).geoms:

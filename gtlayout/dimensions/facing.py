@@ -11,6 +11,7 @@ import shapely
 
 from gtlayout.dimensions.measurable import Measurable
 from gtlayout.geometry.rays import depth_on_plane
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Dimension, Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import FloatArray, Label
 
@@ -47,8 +48,10 @@ def distances(instances: Sequence[Instance], planes: Sequence[Plane], extents: S
 def distance_between(
     planes: Sequence[Plane], extents: Sequence[Extent], a: int, b: int, kind: Literal["height", "width"]
 ) -> Taken | None:
-    """The distance of two instances, as in ``distances``; None when they do not face each other."""
+    """The distance of two instances, as in ``distances``; None when they do not face each other, or are curved."""
     if not (planes[a].observable and planes[b].observable):
+        return None
+    if strip_of(extents[a]) or strip_of(extents[b]):
         return None
     if planes[a].normal @ planes[b].normal > -np.cos(np.deg2rad(MAX_ANGLE_DEG)):
         return None

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.scene import OPENINGS, BoolArray, FloatArray, Scene
 
@@ -80,12 +81,12 @@ class SolvedRoom:
     def on_others(self, index: int, points_world: FloatArray) -> list[list[int]]:
         """Of each of (N, 3) points on an instance the other surfaces that it lies on: at most two, nearest first.
 
-        They fix the point together with its own plane. Doors and windows fix nothing but themselves.
+        They fix the point together with its own plane. Doors, windows and curved walls fix nothing but themselves.
         """
         own, reach = self.planes[index].normal, _REACH_SHARE * self.size
         near: dict[int, tuple[BoolArray, FloatArray]] = {}
         for j in self.seen:
-            if j == index or self.instances[j].label in OPENINGS:
+            if j == index or self.instances[j].label in OPENINGS or strip_of(self.extents[j]):
                 continue
             plane, extent = self.planes[j], self.extents[j]
             if np.linalg.norm(np.cross(own, plane.normal)) < _LEAST_SINE:

@@ -14,6 +14,7 @@ from gtlayout.dimensions.facing import Taken, distances
 from gtlayout.dimensions.next_measurement import next_measurement
 from gtlayout.dimensions.openings import opening_dimensions
 from gtlayout.dimensions.solved_room import SolvedRoom
+from gtlayout.geometry.strip import sigma_along_normal
 from gtlayout.instances import Dimension, Extent, NextMeasurement, Plane, Quantity
 from gtlayout.scene import FloatArray
 
@@ -75,7 +76,7 @@ def surface_accuracy(plane: Plane, extent: Extent, wanted_loa: int) -> Accuracy:
     """
     if not plane.observable or extent.region.is_empty:
         return accuracy_of(np.nan, wanted_loa)
-    sigma = plane.sigma_offset(extent.frame.to_world(_spread(extent)))
+    sigma = sigma_along_normal(plane, extent, extent.frame.to_world(_spread(extent)))
     low, high = 0.0, 3 * SIGMAS_95 * float(sigma.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2

@@ -9,10 +9,12 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
+from gtlayout.export.round_wall import ArcBody, arc_body, slabs
 from gtlayout.export.shell import Surface, bodies
 from gtlayout.export.solid import Solid, between
 from gtlayout.export.upright import outline_in
 from gtlayout.geometry.polygons import half_plane, polygons
+from gtlayout.geometry.strip import StripFrame, strip_of
 from gtlayout.instances import Dimension, Extent, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray
@@ -42,7 +44,9 @@ class Part:
     net_area: float
     """Without the openings."""
     solids: tuple[Solid, ...]
-    """In the extent's frame: (u, v, along the normal)."""
+    """In the extent's frame: (u, v, along the normal); of a curved wall that of the plane that touches it."""
+    arc: ArcBody | None = None
+    """Of a curved wall without openings, in place of the solids."""
 
 
 @dataclass(frozen=True)
@@ -90,21 +94,38 @@ def parts(
     holes: Sequence[Opening],
     thickness: float,
 ) -> list[Part]:
-    """Everything with a body, but doors and windows: first what was seen, then what was inferred."""
+    """Everything with a body, but doors and windows: first what was seen, then what was inferred, then curved walls.
+
+    No corner of a flat wall is mitred against a curved one.
+    """
     layers = [(i, False, extent) for i, extent in enumerate(extents) if layout.instances[i].label not in OPENINGS]
     layers += [
         (i, True, Extent(extent.frame, _without(extent.region, extents[i].region), extent.unrefined))
         for i, extent in enumerate(inferred)
     ]
-    placed = [layer for layer in layers if not layer[2].region.is_empty]
+    placed = [layer for layer in layers if not layer[2].region.is_empty and strip_of(layer[2]) is None]
     surfaces = []
     for i, _, extent in placed:
-        cut = shapely.union_all([hole.outline for hole in holes if hole.host == i])
-        surfaces.append(Surface(extent.frame, extent.region, _without(extent.region, cut), thickness))
-    return [
+        surfaces.append(Surface(extent.frame, extent.region, _solid(i, extent, holes), thickness))
+    flat = [
         Part(i, is_inferred, extent, float(surface.solid.area), solids)
         for (i, is_inferred, extent), surface, solids in zip(placed, surfaces, bodies(surfaces), strict=True)
     ]
+    return flat + [
+        _curved(i, extent, strip, _solid(i, extent, holes), thickness)
+        for i, _, extent in layers
+        if (strip := strip_of(extent)) and not extent.region.is_empty
+    ]
+
+
+def _solid(i: int, extent: Extent, holes: Sequence[Opening]) -> MultiPolygon:
+    """What of an extent is not cut out."""
+    return _without(extent.region, shapely.union_all([hole.outline for hole in holes if hole.host == i]))
+
+
+def _curved(i: int, extent: Extent, strip: StripFrame, solid: MultiPolygon, thickness: float) -> Part:
+    arc = arc_body(solid, strip, thickness)
+    return Part(i, False, extent, float(solid.area), () if arc else slabs(solid, strip, thickness), arc)
 
 
 def rooms(layout: Layout, extents: Sequence[Extent], inferred: Sequence[Extent], thickness: float) -> list[Room]:

@@ -15,6 +15,7 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.floor_level import Level, floor_frame
+from gtlayout.export.plan_curves import Curve, curve
 from gtlayout.export.plan_rooms import Room, room
 from gtlayout.export.plan_walls import (
     CORNER_SHARE,
@@ -26,6 +27,7 @@ from gtlayout.export.plan_walls import (
     without,
 )
 from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Extent, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray, Label, Scene
@@ -65,6 +67,9 @@ class FloorPlan:
     """What the floor plane was taken from."""
     rooms: tuple[Room, ...]
     walls: tuple[Footprint, ...]
+    """The flat ones."""
+    curves: tuple[Curve, ...]
+    """The curved ones."""
     openings: tuple[Footprint, ...]
     """On the line of their wall; on their own plane's where they have no host."""
     outlines: tuple[Outline, ...]
@@ -78,6 +83,7 @@ class FloorPlan:
         lines = (*self.walls, *self.openings)
         points = [one.ends for one in lines] + [one.at(one.inferred.ravel()) for one in lines]
         points += [wall.band for wall in self.walls]
+        points += [part for one in self.curves for part in (one.band, one.points)]
         regions = [one.region for one in self.outlines] + [
             part for one in self.rooms for part in (one.region, one.inferred)
         ]
@@ -97,13 +103,14 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
     lines = {i: line for i in seen if (line := footprint(layout, i, frame))}
     walls = {i: line for i, line in lines.items() if line.label not in OPENINGS}
     hosts = {i: layout.instances[i].host for i in lines if i not in walls}
+    round_walls = [i for i in seen if strip_of(layout.extents[i])]
     openings = {
-        i: lines[i] if host is None else on_line(lines[i], walls[host])
+        i: lines[i] if host is None or host in round_walls else on_line(lines[i], walls[host])
         for i, host in hosts.items()
-        if host is None or host in walls
+        if host is None or host in walls or host in round_walls
     }
-    others = [i for i in seen if i not in walls and i not in openings and layout.instances[i].label != "ceiling"]
-    if not (lines or others):
+    others = [i for i in seen if i not in (*walls, *openings, *round_walls) and layout.instances[i].label != "ceiling"]
+    if not (lines or others or round_walls):
         raise GtlayoutError("no floor plan: the layout has no wall, floor or slanted surface whose place is known")
     regions = {i: _dropped(layout.extents[i], frame) for i in others}
     size = _size([one.ends for one in lines.values()] or [shapely.get_coordinates(one) for one in regions.values()])
@@ -115,6 +122,7 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
         for i, wall in joined.items()
     ]
     names = [instance.name for instance in layout.instances]
+    curves = tuple(found for i in round_walls if (found := curve(layout, i, frame, size)))
     on_the_floor = [*cut, *(one for i, one in openings.items() if hosts[i] is None)]
     return FloorPlan(
         frame,
@@ -127,11 +135,13 @@ def floor_plan(scene: Scene, layout: Layout) -> FloorPlan:
                 on_the_floor,
                 tuple(openings.values()),
                 CORNER_SHARE * size,
+                curves,
             )
             for i in others
             if layout.instances[i].label == "floor"
         ),
         tuple(cut),
+        curves,
         tuple(openings.values()),
         tuple(
             Outline(names[i], layout.instances[i].label, regions[i])

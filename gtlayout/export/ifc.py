@@ -26,6 +26,7 @@ from gtlayout.export.ifc_facts import (
 )
 from gtlayout.export.ifc_file import IfcFile
 from gtlayout.export.upright import turned, z_up_from_world
+from gtlayout.geometry.strip import strip_of
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, Label, Scene
@@ -164,10 +165,8 @@ class _Model:
         """A wall, floor, ceiling or slanted surface; what was inferred of it is a product of its own."""
         instance = self._layout.instances[part.instance]
         name = f"{instance.name} {INFERRED}" if part.inferred else instance.name
-        solids = [self._file.faceted(solid) for solid in part.solids]
-        # A window may leave nothing of its wall.
-        shape = self._shape("Tessellation", solids, instance.label, part.inferred) if solids else None
-        product = self._product(part.instance, name, shape, self._file.placement(part.extent.frame, self._storey, None))
+        placement = self._file.placement(part.extent.frame, self._storey, None)
+        product = self._product(part.instance, name, self._bodies(part), placement)
         area = part.extent.region.area
         of = "SideArea" if instance.label == "wall" else "Area"
         areas = {f"Gross{of}": area, f"Net{of}": part.net_area} if instance.label not in OPENINGS else {of: area}
@@ -181,16 +180,30 @@ class _Model:
         self._accuracy(product, name, part.instance, inferred=part.inferred)
         return product
 
+    def _bodies(self, part: Part) -> list[Any]:
+        """The shapes of a part: polyhedra, or an arc swept upwards and the axis of its wall. None where a window leaves
+        nothing of its wall.
+        """
+        label = self._layout.instances[part.instance].label
+        if part.arc is not None:
+            body = self._shape("SweptSolid", [self._file.swept(part.arc, part.extent.frame)], label, part.inferred)
+            axis = self._file.arc(part.arc, part.extent.frame)
+            return [self._file.shape("Axis", "Curve3D", [axis], "GRAPH_VIEW"), body]
+        solids = [self._file.faceted(solid) for solid in part.solids]
+        return [self._shape("Tessellation", solids, label, part.inferred)] if solids else []
+
     def _filling(self, i: int, hole: Opening | None, host: Any) -> Any:
         """A door or window, in the opening of its host where it has one."""
         instance, extent = self._layout.instances[i], self._extents[i]
+        # The hole of a curved wall is cut from its body; a flat opening element would not be that.
+        hole = None if hole is None or strip_of(self._extents[hole.host]) else hole
         opening = None if hole is None else self._opening(hole, host)
         within = None if hole is None else self._extents[hole.host].frame
         thickness = THICKNESS_M[instance.label] * self._scale
         shape = self._shape("SweptSolid", self._file.extruded(extent.region, thickness), instance.label, False)
         placement = self._file.placement(extent.frame, self._storey if opening is None else opening, within)
         height, width = overall(extent.frame, extent.region)
-        product = self._product(i, instance.name, shape, placement, OverallHeight=height, OverallWidth=width)
+        product = self._product(i, instance.name, [shape], placement, OverallHeight=height, OverallWidth=width)
         if opening is not None:
             self._file.root(
                 "IfcRelFillsElement",
@@ -229,7 +242,7 @@ class _Model:
         self._file.quantities(opening, f"opening {name}", "Qto_OpeningElementBaseQuantities", lengths, area)
         return opening
 
-    def _product(self, i: int, name: str, shape: Any, placement: Any, **attributes: Any) -> Any:
+    def _product(self, i: int, name: str, shapes: Sequence[Any], placement: Any, **attributes: Any) -> Any:
         label = self._layout.instances[i].label
         return self._file.root(
             CLASSES[label][0],
@@ -237,7 +250,7 @@ class _Model:
             Name=self._file.label(name),
             Description=self._file.label(self._layout.planes[i].note) or None,
             ObjectPlacement=placement,
-            Representation=shape and self._file.shapes(shape),
+            Representation=self._file.shapes(*shapes) if shapes else None,
             PredefinedType=CLASSES[label][1],
             **attributes,
         )

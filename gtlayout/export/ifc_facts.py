@@ -11,6 +11,7 @@ from gtlayout.accuracy import Status
 from gtlayout.export.building import Room
 from gtlayout.export.facts import Fact
 from gtlayout.export.ifc_file import Typed
+from gtlayout.geometry.strip import sigma_along_normal, strip_of
 from gtlayout.io.files import printable
 from gtlayout.layout import Layout
 from gtlayout.quality.assess import assess
@@ -35,12 +36,14 @@ def accuracy_values(layout: Layout, i: int, verdict: str | None) -> dict[str, Ty
     """
     plane, extent = layout.planes[i], layout.extents[i]
     values: dict[str, Typed] = {}
-    along = plane.sigma_offset(extent.frame.to_world(shapely.get_coordinates(extent.region)))
+    along = sigma_along_normal(plane, extent, extent.frame.to_world(shapely.get_coordinates(extent.region)))
     if np.isfinite(along).all():
         # The variance is convex over the plane: it is largest at a corner.
         values["SigmaAlongNormal"] = ("IfcLengthMeasure", float(along.max()))
-    if np.isfinite(plane.sigma_normal_deg):
-        values["SigmaOfNormalDegrees"] = ("IfcReal", plane.sigma_normal_deg)
+    strip = strip_of(extent)
+    sigma_normal_deg = plane.sigma_normal_deg if strip is None else strip.cylinder.sigma_normal_deg
+    if np.isfinite(sigma_normal_deg):
+        values["SigmaOfNormalDegrees"] = ("IfcReal", sigma_normal_deg)
     if layout.accuracies:
         accuracy = layout.accuracies[i]
         if np.isfinite(accuracy.error_95_m):

@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
+from gtlayout.export.round_wall import ArcBody
 from gtlayout.export.solid import Solid
 from gtlayout.instances import PlaneFrame
 from gtlayout.io.files import printable
@@ -98,6 +99,41 @@ class IfcFile:
                 self.make("IfcExtrudedAreaSolid", profile, Position=position, ExtrudedDirection=down, Depth=depth)
             )
         return solids
+
+    def swept(self, body: ArcBody, within: PlaneFrame) -> Any:
+        """A ring's sector, swept upwards, in the frame ``within``."""
+        half = (body.from_rad + body.to_rad) / 2
+        turns = np.array([body.from_rad, half, body.to_rad])
+        arc = np.column_stack([np.cos(turns), np.sin(turns)])
+        corners = np.concatenate([body.inner * arc, body.outer * arc[::-1]])
+        points = self.make("IfcCartesianPointList2D", corners.tolist())
+        segments = [
+            self.make("IfcArcIndex", [1, 2, 3]),
+            self.make("IfcLineIndex", [3, 4]),
+            self.make("IfcArcIndex", [4, 5, 6]),
+            self.make("IfcLineIndex", [6, 1]),
+        ]
+        curve = self.make("IfcIndexedPolyCurve", Points=points, Segments=segments, SelfIntersect=False)
+        profile = self.make("IfcArbitraryClosedProfileDef", ProfileType="AREA", OuterCurve=curve)
+        return self.make(
+            "IfcExtrudedAreaSolid",
+            profile,
+            Position=self.axes(np.linalg.inv(_matrix(within)) @ _matrix(body.frame)),
+            ExtrudedDirection=self.make("IfcDirection", [0.0, 0.0, 1.0]),
+            Depth=body.height,
+        )
+
+    def arc(self, body: ArcBody, within: PlaneFrame) -> Any:
+        """The axis of a curved wall: the arc of its measured side at its foot, in the frame ``within``."""
+        place = self.axes(np.linalg.inv(_matrix(within)) @ _matrix(body.frame))
+        return self.make(
+            "IfcTrimmedCurve",
+            BasisCurve=self.make("IfcCircle", place, body.measured),
+            Trim1=[self.make("IfcParameterValue", body.from_rad)],
+            Trim2=[self.make("IfcParameterValue", body.to_rad)],
+            SenseAgreement=True,
+            MasterRepresentation="PARAMETER",
+        )
 
     def outline(self, ring: shapely.LinearRing) -> Any:
         """A closed line in two dimensions."""

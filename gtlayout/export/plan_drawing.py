@@ -47,13 +47,16 @@ def draw_at(plan: FloorPlan, mm_per_unit: float, scale: str) -> Drawing:
     """Draw a plan with so many millimetres for a world unit; ``scale`` says so in words."""
     mm = 1.0 / mm_per_unit
     areas = [Area("floor", tuple(rings(one.region)), one.name) for one in plan.rooms]
-    areas += [Area("sigma", (wall.band,), wall.name) for wall in plan.walls if len(wall.band)]
+    uncertain = [(wall.band, wall.name) for wall in plan.walls] + [(one.band, one.name) for one in plan.curves]
+    areas += [Area("sigma", (band,), name) for band, name in uncertain if len(band)]
     lines = [Line("slanted", ring, one.name, closed=True) for one in plan.outlines for ring in rings(one.region)]
     for room in plan.rooms:
         lines += [Line("open", points, room.name) for points in room.open]
         lines += [Line("inferred", points, room.name) for points in room.inferred_outline]
     for wall in plan.walls:
         lines += [Line("weak_walls" if wall.weak else "walls", wall.at(part), wall.name) for part in wall.drawn]
+    for one in plan.curves:
+        lines += [Line("weak_walls" if one.weak else "walls", part, one.name) for part in one.drawn]
     lines += [
         Line("inferred", one.at(part), one.name) for one in (*plan.walls, *plan.openings) for part in one.inferred
     ]
@@ -61,7 +64,7 @@ def draw_at(plan: FloorPlan, mm_per_unit: float, scale: str) -> Drawing:
         lines += _opening(opening, mm)
     found, others = sides(plan)
     obstacles = [*map(_shape, lines), *(LineString(wall.ends) for wall in plan.walls), *extensions(found, plan.bounds)]
-    bands = [Polygon(wall.band) for wall in plan.walls if len(wall.band)]
+    bands = [Polygon(band) for band, _ in uncertain if len(band)]
     texts, leads, missing = labels(plan, Free(obstacles, bands), mm)
     bounds = _around(
         [plan.bounds, *(shapely.get_coordinates(one.box) for one in texts), *(one.points for one in leads)]

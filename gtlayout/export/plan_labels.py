@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.export.floor_plan import FloorPlan
 from gtlayout.export.helvetica import text_width
+from gtlayout.export.plan_curves import Curve
 from gtlayout.export.plan_rooms import Room
 from gtlayout.export.plan_shapes import DESCENT, SMALL_TEXT_MM, TEXT_MM, Line, Text, directions
 from gtlayout.export.plan_walls import Footprint
@@ -105,7 +106,8 @@ def upright(angle_deg: float) -> float:
 
 
 def labels(plan: FloorPlan, free: Free, mm: float) -> tuple[list[Text], list[Line], tuple[str, ...]]:
-    """Areas of rooms, then names and lengths of doors and windows, then of walls, the longest first.
+    """Areas of rooms, then names and lengths of doors and windows, then of walls, the longest first; of curved
+    walls the radius.
 
     ``mm`` of paper in world units. Returns the texts, the lines that lead to them, and the texts for which there is no
     place.
@@ -120,6 +122,7 @@ def labels(plan: FloorPlan, free: Free, mm: float) -> tuple[list[Text], list[Lin
         partial(_room_labels, one, free.lines, plan.metric, mm) for one in plan.rooms
     ]
     wanted += [partial(_labels, one, label_text(one, plan.metric), mm) for one in named]
+    wanted += [partial(_labels, one.middle, curve_text(one, plan.metric), mm) for one in plan.curves]
     for candidates in wanted:
         label = _best(candidates(), free, covered, gap)
         if label is None:
@@ -136,6 +139,13 @@ def label_text(one: Footprint, metric: bool) -> str:
     length = f"{one.length:.2f} m" if metric else short(one.length)
     level = f" LOA{one.accuracy_level}" if one.accuracy_level else ""
     return f"{one.name} {length}{level}"
+
+
+def curve_text(one: Curve, metric: bool) -> str:
+    """``wall_0 r 1.20 m LOA20``: name, radius, level of accuracy where it has one."""
+    radius = f"{one.radius:.2f} m" if metric else short(one.radius)
+    level = f" LOA{one.accuracy_level}" if one.accuracy_level else ""
+    return f"{one.name} r {radius}{level}"
 
 
 def area_texts(room: Room, metric: bool) -> tuple[str, ...]:

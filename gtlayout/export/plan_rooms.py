@@ -10,12 +10,15 @@ import shapely
 from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from gtlayout.export.plan_curves import Curve
 from gtlayout.export.plan_walls import Footprint
 from gtlayout.geometry.polygons import grid_for, polygons
 from gtlayout.scene import FloatArray
 
 _ON_WALL = 1e-3
 """What lies this near a wall's foot, as a share of the tolerance, was put on it."""
+_ON_ARC = 0.25
+"""Floors end at curved walls up to this share of the tolerance: the lean of one against the other."""
 _SHORT_WALL = 0.25
 """Floors are moved to a wall's foot by no more than this share of the wall's length."""
 
@@ -50,22 +53,30 @@ def room(
     lines: Sequence[Footprint],
     openings: Sequence[Footprint],
     tolerance: float,
+    curves: Sequence[Curve] = (),
 ) -> Room:
     """The room of a floor; ``lines``, of walls and of openings without one, close it where it ends near them.
 
-    Nearer than ``tolerance``, that is. ``openings`` are those in the walls.
+    Nearer than ``tolerance``, that is. So do ``curves``, up to which floors go already. ``openings`` are those in the
+    walls.
     """
     region = seen
     for one in lines:
         region = _up_to(region, one, min(tolerance, _SHORT_WALL * one.length))
     region = _without_slivers(region, tolerance)
     feet = [[LineString(one.ends) for one in lines if one.weak is weak] for weak in (False, True)]
-    known, weak = (shapely.union_all([foot.buffer(_ON_WALL * tolerance) for foot in some]) for some in feet)
+    arcs = [[LineString(one.points) for one in curves if one.weak is weak] for weak in (False, True)]
+    known, weak = (
+        shapely.union_all(
+            [foot.buffer(_ON_WALL * tolerance) for foot in some] + [arc.buffer(_ON_ARC * tolerance) for arc in bent]
+        )
+        for some, bent in zip(feet, arcs, strict=True)
+    )
     by_known = region.boundary.difference(known)
     left = by_known.difference(weak)
     more = polygons(inferred.difference(region))
     guessed = [LineString(one.at(part)) for one in (*lines, *openings) for part in one.inferred]
-    drawn = [region.boundary, *guessed, *feet[0], *feet[1]]
+    drawn = [region.boundary, *guessed, *feet[0], *feet[1], *arcs[0], *arcs[1]]
     rest = more.boundary.difference(shapely.union_all(drawn).buffer(_ON_WALL * tolerance))
     weak_length = float(by_known.length - left.length)
     return Room(name, region, _lines(left, tolerance), weak_length > tolerance, more, _lines(rest, tolerance))

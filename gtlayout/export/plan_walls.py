@@ -14,6 +14,7 @@ from shapely import MultiPolygon
 
 from gtlayout.accuracy import SIGMAS_95, UPPER_ENDS_M
 from gtlayout.export.floor_level import MIN_SINE
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import OPENINGS, FloatArray, Label
@@ -75,11 +76,11 @@ class Footprint:
 
 
 def footprint(layout: Layout, i: int, frame: PlaneFrame) -> Footprint | None:
-    """Where an upright wall, door or window that was seen meets the floor plane; None for other instances."""
+    """Where an flat upright wall, door or window that was seen meets the floor plane; None for others."""
     instance, plane, extent = layout.instances[i], layout.planes[i], layout.extents[i]
     across = frame.axes @ plane.normal
     sine = float(np.linalg.norm(across))
-    if instance.label not in ("wall", *OPENINGS) or sine < UPRIGHT_SINE:
+    if instance.label not in ("wall", *OPENINGS) or sine < UPRIGHT_SINE or strip_of(extent):
         return None
     inside = across / sine
     foot = -(plane.normal @ frame.origin + plane.d) / sine * inside
@@ -95,7 +96,7 @@ def footprint(layout: Layout, i: int, frame: PlaneFrame) -> Footprint | None:
     seen = reach(extent.region)
     first, last = seen[0, 0], seen[-1, 1]
     ends = foot + np.outer([first, last], along)
-    inferred = _minus(reach(layout.inferred[i].region), list(seen)) if layout.inferred else _nothing()
+    inferred = minus(reach(layout.inferred[i].region), list(seen)) if layout.inferred else _nothing()
     return Footprint(instance.name, instance.label, ends, inside, seen - first, inferred - first)
 
 
@@ -145,8 +146,8 @@ def without(wall: Footprint, openings: Sequence[Footprint]) -> Footprint:
     guessed = [
         np.sort((opening.at(part) - wall.ends[0]) @ wall.along) for opening in openings for part in opening.inferred
     ]
-    inferred = _minus(wall.inferred, [*gaps, *guessed, *wall.drawn])
-    return replace(wall, drawn=_minus(wall.drawn, gaps), inferred=inferred)
+    inferred = minus(wall.inferred, [*gaps, *guessed, *wall.drawn])
+    return replace(wall, drawn=minus(wall.drawn, gaps), inferred=inferred)
 
 
 def with_certainty(wall: Footprint, layout: Layout, i: int, frame: PlaneFrame, size: float) -> Footprint:
@@ -165,8 +166,8 @@ def with_certainty(wall: Footprint, layout: Layout, i: int, frame: PlaneFrame, s
     return replace(wall, band=np.concatenate([points + reach, (points - reach)[::-1]]), accuracy_level=level)
 
 
-def _minus(intervals: FloatArray, gaps: Sequence[FloatArray]) -> FloatArray:
-    """(N, 2) what is left of intervals without some gaps."""
+def minus(intervals: FloatArray, gaps: Sequence[FloatArray]) -> FloatArray:
+    """(N, 2) what is left of (M, 2) intervals without some gaps, (2,) each."""
     left = [(float(a), float(b)) for a, b in intervals]
     for low, high in gaps:
         left = [part for a, b in left for part in ((a, min(b, low)), (max(a, high), b)) if part[0] < part[1]]

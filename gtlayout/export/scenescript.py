@@ -7,6 +7,7 @@ and height, and lies in a wall.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import shapely
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.upright import turned, z_up_from_world
+from gtlayout.geometry.strip import flat_parts
 from gtlayout.instances import Extent
 from gtlayout.io.files import write_atomic
 from gtlayout.layout import Layout
@@ -57,21 +59,30 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
         )
     rotation = z_up_from_world(scene, layout)
     extents = [turned(extent, rotation) for extent in layout.extents]
-    walls: dict[int, _Wall] = {}
-    lines = []
+    walls: dict[int, list[tuple[_Wall, Extent]]] = {}
+    lines: list[str] = []
     for i, instance in enumerate(layout.instances):
         if instance.label == "wall" and _is_upright(extents[i]):
-            walls[i] = _wall(len(walls), extents[i])
-            lines.append(_make_wall(walls[i], extents[i]))
+            # The language has straight walls only: a curved one is its facets.
+            for _, facet in flat_parts(layout.planes[i], extents[i]):
+                wall = _wall(len(lines), facet)
+                walls.setdefault(i, []).append((wall, facet))
+                lines.append(_make_wall(wall, facet))
     for label, first in _FIRST_ID.items():
         inside = [i for i, instance in enumerate(layout.instances) if instance.label == label]
         written = [i for i in inside if layout.instances[i].host in walls and not extents[i].region.is_empty]
         lines += [
-            _make_opening(label, first + number, walls[host], extents[i])
+            _make_opening(label, first + number, _nearest(walls[host], extents[i]), extents[i])
             for number, i in enumerate(written)
             if (host := layout.instances[i].host) is not None
         ]
     write_atomic(path, "".join(f"{line}\n" for line in lines))
+
+
+def _nearest(facets: Sequence[tuple[_Wall, Extent]], opening: Extent) -> _Wall:
+    """The wall that an opening is in: of a curved one the facet nearest to its middle."""
+    middle = _corners(opening).mean(axis=0)
+    return min(facets, key=lambda one: float(np.linalg.norm(_corners(one[1]).mean(axis=0) - middle)))[0]
 
 
 def _is_upright(extent: Extent) -> bool:

@@ -41,6 +41,8 @@ def _rows(layout: Layout) -> list[_Row]:
     for one in layout.dimensions:
         of = names[one.first] if one.first == one.second else f"{names[one.first]} – {names[one.second]}"
         rows.append((one.kind, of, one.length, length, one.sigma, SIGMAS_95 * one.sigma, *_accuracy(one.accuracy)[1:]))
+    for i, on in layout.curved.items():
+        rows.append(("radius", names[i], on.radius, length, on.sigma_radius, SIGMAS_95 * on.sigma_radius, "", ""))
     for amount in layout.quantities:
         of = " + ".join(names[i] for i in amount.instances)
         power = "³" if amount.kind == "volume" else "²"

@@ -10,6 +10,7 @@ from shapely import MultiPolygon
 from gtlayout.export.floor_level import up_of_walls
 from gtlayout.export.glb import y_up
 from gtlayout.geometry.polygons import polygons
+from gtlayout.geometry.strip import StripFrame
 from gtlayout.instances import Extent, PlaneFrame
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
@@ -35,8 +36,14 @@ def z_up_from_world(scene: Scene, layout: Layout) -> FloatArray:
 
 def turned(extent: Extent, rotation: FloatArray) -> Extent:
     """The same extent in a rotated world."""
-    frame = PlaneFrame(rotation @ extent.frame.origin, extent.frame.axes @ rotation.T)
-    return Extent(frame, extent.region, extent.unrefined)
+    frame = extent.frame
+    return Extent(
+        frame.moved(rotation=rotation)
+        if isinstance(frame, StripFrame)
+        else PlaneFrame(rotation @ frame.origin, frame.axes @ rotation.T),
+        extent.region,
+        extent.unrefined,
+    )
 
 
 def outline_in(host: Extent, opening: Extent) -> MultiPolygon:

@@ -44,7 +44,7 @@ def write(path: Path, scene: Scene, layout: Layout) -> None:
     stage.SetDefaultPrim(room.GetPrim())
     _attach(room.GetPrim(), scene_facts(scene, layout))
     points = layout.triangles.vertices @ z_up_from_world(scene, layout).T
-    sigma = vertex_sigma(layout.triangles, layout.planes)
+    sigma = vertex_sigma(layout.triangles, layout.planes, layout.extents)
     for i, instance in enumerate(layout.instances):
         faces = layout.triangles.faces[layout.triangles.face_instance == i]
         if len(faces):

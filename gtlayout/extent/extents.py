@@ -12,12 +12,16 @@ from gtlayout.edges import ContactEdge
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import faces_of, tidy
 from gtlayout.extent.known_part import known_part
+from gtlayout.extent.on_cylinder import faces_on, tangent_plane, up_to_arc
 from gtlayout.extent.refine import Neighbour, refine, unproject_edges
 from gtlayout.extent.shifts import shifts_on_planes
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.polygons import grid_for
+from gtlayout.geometry.strip import StripFrame, bordered
 from gtlayout.instances import ContactOffsets, Extent, Instance, Plane, PlaneFrame
 from gtlayout.scene import Camera, Scene
+
+LEVELS = frozenset({"floor", "ceiling"})
 
 
 def compute_extents(
@@ -29,6 +33,7 @@ def compute_extents(
     contact_offsets: ContactOffsets | None = None,
     known: Mapping[int, Extent] | None = None,
     drawn_before: Mapping[int, Extent] | None = None,
+    strips: Mapping[int, StripFrame] | None = None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
@@ -37,16 +42,26 @@ def compute_extents(
 
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
     planes get empty regions. An extent ends where the depth is unknown. Those that are ``known``, by the index of their
-    instance, stay; ``drawn_before`` are only refined again.
+    instance, stay; ``drawn_before`` are only refined again. Walls that have ``strips`` are curved: they lie on these
+    and not on their planes, whatever was known of them, and what touches them ends there.
     """
-    known, drawn_before = known or {}, drawn_before or {}
+    strips = strips or {}
+    known, drawn_before = (
+        {i: one for i, one in (given or {}).items() if i not in strips and not isinstance(one.frame, StripFrame)}
+        for given in (known, drawn_before)
+    )
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
-    frames = [plane_frame(plane, scene) for plane in planes]
+    frames = [strips.get(i) or plane_frame(plane, scene) for i, plane in enumerate(planes)]
     sought = [i for i in range(len(instances)) if i not in known]
     unrefined = dict(drawn_before)
     for i in (i for i in sought if i not in drawn_before):
         region = MultiPolygon()
+        if i in strips:
+            on_strip = faces_on(scene, instances, i, planes, strips[i], max_depth, grid, config)
+            region = tidy(on_strip.agreed(), grid, config)
+            unrefined[i] = Extent(strips[i], region, region)
+            continue
         if planes[i].observable:
             faces = faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config)
             region = tidy(faces.agreed(), grid, config)
@@ -54,14 +69,30 @@ def compute_extents(
         known_of_it = ended(region, planes[i], frames[i], cameras, grid, config)
         unrefined[i] = Extent(frames[i], known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
-    shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
+    flat_offsets = {pair: by for pair, by in (contact_offsets or {}).items() if not strips.keys() & set(pair)}
+    shifts = shifts_on_planes(scene, planes, frames, edges, flat_offsets)
     found = dict(known)
-    for i in sought:
-        neighbours = [
-            Neighbour(planes[j], contact, shifts.get((i, j), 0.0)) for (k, j), contact in touching.items() if k == i
-        ]
+    # Floors and ceilings end where the curved walls do, which are looked for before them.
+    for i in sorted(sought, key=lambda i: i not in strips):
+        of_it = {j: contact for (k, j), contact in touching.items() if k == i}
+        levels = [j for j in of_it if j in strips and instances[i].label in LEVELS]
+        neighbours = []
+        for j, contact in of_it.items():
+            if j in levels or (i in strips and (j in strips or instances[j].label == "slanted")):
+                continue
+            plane = planes[j]
+            if j in strips:
+                if (j, i) not in touching:
+                    continue
+                plane = tangent_plane(strips[j], planes[i], touching[j, i])
+            neighbours.append(Neighbour(plane, contact, shifts.get((i, j), 0.0)))
         region = tidy(refine(unrefined[i].unrefined, frames[i], neighbours, grid, config), grid, config)
-        found[i] = replace(unrefined[i], region=region)
+        for j in levels:
+            low, _, high, _ = found[j].region.bounds or (0.0,) * 4
+            if low < high:
+                arguments = frames[i], planes[i], strips[j], (low, high), of_it[j], grid, config
+                region = tidy(up_to_arc(region, *arguments), grid, config)
+        found[i] = replace(unrefined[i], region=bordered(region, strips[i]) if i in strips else region)
     return tuple(found[i] for i in range(len(instances)))
 
 

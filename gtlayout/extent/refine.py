@@ -13,8 +13,10 @@ from shapely.geometry.base import BaseGeometry
 from gtlayout.edges import ContactEdge
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import straight
+from gtlayout.extent.on_cylinder import lift_line
 from gtlayout.geometry.plane_image import clip_to_plane, unproject
 from gtlayout.geometry.polygons import buffered, flat, half_plane, homogeneous, polygons
+from gtlayout.geometry.strip import StripFrame
 from gtlayout.instances import Instance, Plane, PlaneFrame
 from gtlayout.scene import FloatArray, Scene
 
@@ -51,12 +53,18 @@ def unproject_edges(
             plane, host_of_second = planes[first], instances[second].host
             other = second if host_of_second is None else host_of_second
             drawn = _runs(edge.points_px)
+            frame = frames[first]
+            if isinstance(frame, StripFrame):
+                if planes[other].observable and not (line := lift_line(drawn, frame, camera, max_depth)).is_empty:
+                    lines.setdefault((first, other), []).append(line)
+                continue
             clipped = clip_to_plane(drawn, plane, camera, max_depth, config.min_horizon_px)
             if clipped.is_empty or not (plane.observable and planes[other].observable):
                 continue
             line = shapely.transform(clipped, lambda px: frames[first].to_plane(unproject(px, plane, camera)))  # noqa: B023
             for mine in owners:
-                if mine is not None and mine != other:
+                # A door's line is in its own plane, which is no place on a curved wall.
+                if mine is not None and mine != other and not isinstance(frames[mine], StripFrame):
                     lines.setdefault((mine, other), []).append(line)
     return {pair: shapely.union_all(lines[pair]) for pair in sorted(lines)}
 
@@ -96,7 +104,9 @@ def refine(
         return region
     touching = []
     for neighbour in neighbours:
-        line, sine = meeting_line(neighbour.plane, frame)
+        line, sine = (
+            _line_on_strip(neighbour, frame) if isinstance(frame, StripFrame) else meeting_line(neighbour.plane, frame)
+        )
         if sine < np.sin(np.deg2rad(config.min_angle_deg)):
             continue
         line[2] -= neighbour.shift
@@ -120,6 +130,15 @@ def meeting_line(neighbour: Plane, frame: PlaneFrame) -> tuple[FloatArray, float
     line = np.append(frame.axes @ neighbour.normal, neighbour.normal @ frame.origin + neighbour.d)
     sine = float(np.hypot(line[0], line[1]))
     return line / max(sine, 1e-12), sine
+
+
+def _line_on_strip(neighbour: Neighbour, strip: StripFrame) -> tuple[FloatArray, float]:
+    """As ``meeting_line``, where the contact is: a plane that is neither level nor upright meets a strip in a curve."""
+    at = strip.onto(neighbour.plane, np.median(shapely.get_coordinates(neighbour.contact), axis=0))
+    gradient = strip.by_uv(at[None])[0] @ neighbour.plane.normal
+    sine = float(np.linalg.norm(gradient))
+    gradient = gradient / max(sine, 1e-12)
+    return np.append(gradient, -float(gradient @ at)), sine
 
 
 def _towards(region: MultiPolygon, line: FloatArray, contact: BaseGeometry, arc_segments: int) -> FloatArray:

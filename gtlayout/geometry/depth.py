@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import shapely
 
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.polygons import homogeneous
+from gtlayout.geometry.strip import StripFrame, sigma_depth_on
 from gtlayout.instances import Instance, Plane
 from gtlayout.scene import Camera, FloatArray, Scene
 
@@ -35,9 +36,15 @@ def centroid_of_largest(scene: Scene, instance: Instance) -> tuple[Camera, Float
     return scene.frame_of(k).camera, np.array([[centroid.x, centroid.y]])
 
 
-def depth_at_centroid(scene: Scene, instance: Instance, plane: Plane) -> tuple[float, float]:
-    """σ of the depth, and the depth, where the plane is seen through the centroid of the largest element."""
-    sigma, depth = sigma_depth(plane, *centroid_of_largest(scene, instance))
+def depth_at_centroid(
+    scene: Scene, instance: Instance, plane: Plane, strip: StripFrame | None = None
+) -> tuple[float, float]:
+    """σ of the depth, and the depth, where the plane is seen through the centroid of the largest element.
+
+    Of a curved wall that of its ``strip``.
+    """
+    seen = centroid_of_largest(scene, instance)
+    sigma, depth = sigma_depth(plane, *seen) if strip is None else sigma_depth_on(strip, *seen)
     return float(sigma[0]), float(depth[0])
 
 
@@ -50,11 +57,19 @@ def sigma_depth(plane: Plane, camera: Camera, points_px: FloatArray) -> tuple[Fl
     return plane.sigma_depth(camera.center_world + depth[:, None] * rays, rays), depth
 
 
-def with_sigma_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> tuple[Plane, ...]:
-    """The planes with the σ of their depth, where the scene's unit is the metre."""
+def with_sigma_depth(
+    scene: Scene,
+    instances: Sequence[Instance],
+    planes: Sequence[Plane],
+    strips: Mapping[int, StripFrame] | None = None,
+) -> tuple[Plane, ...]:
+    """The planes with the σ of their depth, where the scene's unit is the metre; of curved walls that of ``strips``."""
     if not scene.metric:
         return tuple(planes)
+    on = strips or {}
     return tuple(
-        replace(plane, sigma_depth_m=depth_at_centroid(scene, instance, plane)[0]) if plane.observable else plane
-        for instance, plane in zip(instances, planes, strict=True)
+        replace(plane, sigma_depth_m=depth_at_centroid(scene, instance, plane, on.get(i))[0])
+        if plane.observable
+        else plane
+        for i, (instance, plane) in enumerate(zip(instances, planes, strict=True))
     )

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from gtlayout.geometry.plane_image import inverse_depth
 from gtlayout.geometry.raster import LabelImage, fill, rings_of
+from gtlayout.geometry.strip import flat_parts
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.scene import Camera, FloatArray
 
@@ -44,14 +45,15 @@ def render(
     labels: LabelImage = np.full((camera.height, camera.width), -1, dtype=np.int32)
     depth: DepthImage = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
     x, y = np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5
-    for index in sorted(range(len(instances)), key=lambda i: instances[i].host is not None):
-        rings = project_rings(extents[index], camera)
+    order = sorted(range(len(instances)), key=lambda i: instances[i].host is not None)
+    for index, plane, extent in ((i, *part) for i in order for part in flat_parts(planes[i], extents[i])):
+        rings = project_rings(extent, camera)
         if not rings:
             continue
         window = _window(rings, camera)
         mask = fill([ring - (window[1].start, window[0].start) for ring in rings], *labels[window].shape)
         # 1/z is linear in the image.
-        a, b, c = inverse_depth(planes[index], camera)
+        a, b, c = inverse_depth(plane, camera)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             plane_depth = (1 / (a * x[window[1]] + (b * y[window[0]] + c)[:, None])).astype(np.float32)
         wins = plane_depth < depth[window]

@@ -77,6 +77,8 @@ class RawShape:
     """Elements of a group with the same label are parts of one; a visible part belongs to one of its group."""
     z_order: int = 0
     """Where elements that bound the room overlap, the higher one is in front."""
+    curved: bool = False
+    """Whether it is said to be curved."""
 
 
 @dataclass(frozen=True)

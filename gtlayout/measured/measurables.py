@@ -13,6 +13,7 @@ from gtlayout.dimensions.openings import opening_dimensions
 from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.errors import GtlayoutError
 from gtlayout.geometry.marked_points import Mark, triangulated
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import DimensionKind, propagated_sigma
 from gtlayout.measurement import MeasuredKind, Measurement
 from gtlayout.scene import OPENINGS
@@ -62,6 +63,8 @@ def measurable_of(room: SolvedRoom, measurement: Measurement) -> Measurable:
     if measurement.kind == "points":
         return _points(room, measurement)
     of = instances_of(room, measurement)
+    if curved := [room.instances[i].name for i in of if strip_of(room.extents[i])]:
+        raise NotMeasurableError(f"{curved[0]} is curved, and measurements are of planes")
     if measurement.kind == "between":
         return _between(room, of)
     if measurement.kind == "angle":

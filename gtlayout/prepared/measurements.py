@@ -9,6 +9,7 @@ import numpy as np
 
 from gtlayout.camera_errors.camera_response import CameraResponse
 from gtlayout.camera_errors.findings import CameraDoubt
+from gtlayout.cylinder import CurvedWall
 from gtlayout.edges import ContactEdge
 from gtlayout.instances import Instance, Members
 from gtlayout.prepared.canonical import Canonical
@@ -53,6 +54,16 @@ class Prepared(Measurements):
     """What was skipped, joined, split or left out, one line each."""
     left_out: Members = ()
     """Elements that take no part in the solve, because they contradict the other key frames."""
+    curved: tuple[CurvedWall, ...] = ()
+    """The walls that are cylinders, by their index among the instances."""
+
+    @property
+    def flat(self) -> Self:
+        """What planes are solved from: where a curved wall is met says nothing about any plane."""
+        if not self.curved:
+            return self
+        curved = {wall.instance for wall in self.curved}
+        return replace(self, edges=tuple(edge for edge in self.edges if not curved & set(edge.instances)))
 
     @property
     def given_scene(self) -> Scene:

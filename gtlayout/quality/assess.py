@@ -11,6 +11,7 @@ import shapely
 from gtlayout.figures import short
 from gtlayout.geometry.depth import depth_at_centroid
 from gtlayout.geometry.render import render
+from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.quality.causes import causes
 from gtlayout.quality.config import QualityConfig
@@ -47,7 +48,8 @@ def assess(
     frame_ious = mean_by_frame(scene, instances, elements)
     iou = float(np.nanmean(frame_ious))
     in_walls = [e.iou for e in elements if hosted[e.instance]]
-    drawn = drawn_pixels(scene, instances, planes)
+    strips = {i: strip for i, extent in enumerate(extents) if (strip := strip_of(extent))}
+    drawn = drawn_pixels(scene, instances, planes, strips)
     share = float(drawn.sigma_share.mean()) if len(drawn.instance) else 1.0
     known = drawn.sigma_share <= config.known_sigma_depth_share
     room = float(np.quantile(drawn.distance[known], config.room_quantile)) if known.any() else np.nan
@@ -101,8 +103,9 @@ def _judge(
     if not plane.observable:
         why = causes(instance, plane, config)
         return InstanceQuality(iou, np.nan, np.nan, np.nan, "unobservable", plane.note, why)
-    sigma_depth, depth = depth_at_centroid(scene, instance, plane)
-    sigma_normal_deg = plane.sigma_normal_deg
+    strip = strip_of(extent)
+    sigma_depth, depth = depth_at_centroid(scene, instance, plane, strip)
+    sigma_normal_deg = plane.sigma_normal_deg if strip is None else strip.cylinder.sigma_normal_deg
     wrong = [f"IoU below {config.accept_iou:g}"] if iou < config.accept_iou else []
     uncertain = []
     if sigma_normal_deg > config.max_sigma_normal_deg:

@@ -7,7 +7,7 @@ its instance, and a drawing that cannot be right is left out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,15 +44,22 @@ class Regrouping:
     """What was joined, split and left out, one line each."""
 
 
-def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, extent: ExtentConfig) -> Regrouping | None:
+def regroup(
+    prepared: Prepared,
+    solved: Estimate,
+    config: RegroupingConfig,
+    extent: ExtentConfig,
+    is_curved: Callable[[int], bool] = lambda _: False,
+) -> Regrouping | None:
     """The instances that follow from the solved planes; None when they do not change.
 
     Drawings that cannot be right spoil the planes: when there are any, they are left out, and all else waits for the
     next solve. An instance that gains or loses elements in another way is not joined with others before that, either.
+    What no plane explains because it ``is_curved``, by the index of an instance, is neither split nor left out.
     """
     scene, instances = prepared.scene, prepared.instances
     matches = match_key_frames(scene, instances, solved.planes, config, extent)
-    wrong, messages = _wrong_drawings(scene, matches, prepared.left_out, config)
+    wrong, messages = _wrong_drawings(prepared, matches, config, is_curved)
     if wrong:
         kept = [tuple(member for member in one.members if member not in wrong) for one in instances]
         return formed(prepared, [*kept, *((member,) for member in wrong)], (*prepared.left_out, *wrong), messages)
@@ -67,14 +74,18 @@ def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, exte
             groups[rejoin.instance], groups[alone] = (*groups[rejoin.instance], rejoin.member), ()
             changed |= {alone, rejoin.instance}
     for part in find_parts(prepared, solved.planes, config, extent):
-        if part.instance not in changed:
+        if part.instance not in changed and not is_curved(part.instance):
             groups[part.instance] = tuple(member for member in groups[part.instance] if member != part.member)
             pair = _in_words(scene, groups[part.instance][0], part.member)
             through = instances[part.bound].label
             messages.append(f"{pair} are two planes, because the second would reach through the {through}: split")
             groups.append((part.member,))
             changed.add(part.instance)
-    splits = [split for split in find_splits(prepared, solved.planes, config, extent) if split.instance not in changed]
+    splits = [
+        split
+        for split in find_splits(prepared, solved.planes, config, extent)
+        if split.instance not in changed and not is_curved(split.instance)
+    ]
     changed |= {split.instance for split in splits}
     for join in find_joins(scene, instances, solved, config, extent):
         if not changed & set(join.instances):
@@ -91,16 +102,22 @@ def regroup(prepared: Prepared, solved: Estimate, config: RegroupingConfig, exte
 
 
 def _wrong_drawings(
-    scene: Scene, matches: Sequence[KeyFrameMatch], left_out: Members, config: RegroupingConfig
+    prepared: Prepared,
+    matches: Sequence[KeyFrameMatch],
+    config: RegroupingConfig,
+    is_curved: Callable[[int], bool],
 ) -> tuple[Members, list[str]]:
     """Elements that cannot be right and still take part, and a line on each key frame that has some.
 
     Exchanged labels come first: the planes that follow from them contradict other drawings, too.
     """
+    scene, left_out = prepared.scene, prepared.left_out
+    instance_of = {member: i for i, one in enumerate(prepared.instances) for member in one.members}
     wrong: list[Member] = []
     messages: list[str] = []
     for swap in find_swaps(scene, matches, config):
-        if not {swap.first, swap.second} & {*wrong, *left_out}:
+        both = {swap.first, swap.second}
+        if not both & {*wrong, *left_out} and not any(is_curved(instance_of[member]) for member in sorted(both)):
             wrong += [swap.first, swap.second]
             first, second = (scene.key_frames[k].elements[e] for k, e in (swap.first, swap.second))
             messages.append(
@@ -110,7 +127,8 @@ def _wrong_drawings(
             )
     if not wrong:
         for members in find_contradictions(scene, matches, config):
-            if new := [member for member in members if member not in left_out]:
+            new = [member for member in members if member not in left_out and not is_curved(instance_of[member])]
+            if new:
                 wrong += new
                 messages.append(_contradiction(scene, new))
     return tuple(wrong), messages

@@ -10,6 +10,7 @@ import trimesh
 
 from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.geometry.raster import rings_of
+from gtlayout.geometry.strip import sigma_along_normal
 from gtlayout.layout import Layout
 from gtlayout.scene import FloatArray, Scene
 
@@ -54,7 +55,7 @@ def room_view(
                 "color": instance_colors(i).tolist(),
                 "vertices": _columns(fine @ turn.T),
                 "faces": np.asarray(fine_faces).T.tolist(),
-                "sigma": _rounded(plane.sigma_offset(fine)),
+                "sigma": _rounded(sigma_along_normal(plane, extent, fine)),
                 "outline": _broken_lines(outline),
                 "normal": _rounded(turn @ plane.normal),
                 "d": float(plane.d),

@@ -18,6 +18,7 @@ from gtlayout.io.files import json_text, write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
+from gtlayout.results.cylinder_rows import cylinder_row
 from gtlayout.results.dimension_rows import (
     accuracy_row,
     dimension_rows,
@@ -121,6 +122,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "sigma_normal_deg": judged.sigma_normal_deg,
                     "sigma_depth": judged.sigma_depth,
                 },
+                "cylinder": cylinder_row(extent),
                 "extent": {
                     "area": extent.region.area,
                     "origin": extent.frame.origin,
@@ -158,7 +160,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
         "next_measurement": next_row(layout),
         "mesh": {
             "vertices": layout.triangles.vertices,
-            "vertex_sigma": vertex_sigma(layout.triangles, layout.planes),
+            "vertex_sigma": vertex_sigma(layout.triangles, layout.planes, layout.extents),
             "faces": layout.triangles.faces,
             "face_instance": [layout.instances[i].name for i in layout.triangles.face_instance],
         },

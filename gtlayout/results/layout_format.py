@@ -17,8 +17,10 @@ from gtlayout.quality.headline import Word
 from gtlayout.quality.measures import Prediction, Verdict
 from gtlayout.scene import FloatArray, IntArray, Label
 
-Format = Literal["gtlayout-layout/5"]
-FORMAT: Format = "gtlayout-layout/5"
+Format = Literal["gtlayout-layout/6"]
+FORMAT: Format = "gtlayout-layout/6"
+BEFORE_CURVED = "gtlayout-layout/5"
+"""The same without curved walls; it is read, too."""
 
 _NUMBER_OR_NULL = {"type": ["number", "null"]}
 NumberOrNull = Annotated[float, OrNull()]
@@ -83,17 +85,49 @@ class NextMeasurementRow(TypedDict):
     """Dimensions in all."""
 
 
+class CylinderRow(TypedDict):
+    """The upright cylinder that a curved wall is part of, in the world frame of the cameras."""
+
+    axis_point: Annotated[FloatArray, Shape((3,))]
+    """A point of its axis."""
+    axis: Annotated[FloatArray, Shape((3,))]
+    """Unit vector along the axis, upwards."""
+    radius: float
+    """World unit."""
+    sigma_radius: float
+    """σ of the radius, world unit."""
+    angles: Annotated[FloatArray, Shape((2,))]
+    """From where to where about the axis the wall goes, radians: counter-clockwise from above, from the first of
+    ``axes`` on."""
+    concave: bool
+    """Whether cameras see it from within, as that of a bay."""
+    origin: Annotated[FloatArray, Shape((3,))]
+    """A point amid the wall, to which the values refer."""
+    axes: Annotated[FloatArray, Shape((3, 3))]
+    """Unit vectors, rows: two level ones, and upwards."""
+    values: Annotated[FloatArray, Shape((5,))]
+    """Where the axis passes through the level of ``origin``, along both level axes; the radius; and how far the axis
+    leans along them per unit of height."""
+    covariance: Annotated[FloatArray, Shape((5, 5))]
+    """Of the values."""
+    middle: float
+    """The angle at which the extent's own frame touches the cylinder, radians."""
+    facet: float
+    """Width of the mesh's facets along the arc, world unit."""
+
+
 class ExtentRow(TypedDict):
-    """The finite part of the plane that the instance covers."""
+    """The finite part of the plane, or of the cylinder, that the instance covers."""
 
     area: float
     """Square world units."""
     origin: Annotated[FloatArray, Shape((3,), _NUMBER_OR_NULL)]
-    """Of the plane's own 2D frame, in the world."""
+    """Of the plane's own 2D frame, in the world; of a curved wall that of the plane that touches it in its middle."""
     axes: Annotated[FloatArray, Shape((2, 3), _NUMBER_OR_NULL)]
     """Unit vectors u and v of that frame, in the world; u × v is the normal."""
     polygons: list[list[Points]]
-    """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one."""
+    """Polygons, each an outer ring and its holes, each ring 3D points without the repeated last one; of a curved wall
+    with a point at each border of a facet."""
     unrefined: list[list[Points]]
     """The same before refinement: what the key frames' unprojected elements agree on, by vote."""
     unknown_area: float
@@ -113,6 +147,9 @@ class InstanceRow(TypedDict):
     members: list[Member]
     """The elements that show it, at most one per key frame."""
     plane: PlaneRow
+    """Of a curved wall the plane that fits it best, which it is not."""
+    cylinder: CylinderRow | None
+    """What a curved wall is; null of all others."""
     extent: ExtentRow
     accuracy: AccuracyRow | None
     """Of its surface, over the whole extent; null where nobody asked."""

@@ -16,6 +16,7 @@ from gtlayout.instances import EvidenceKind, Extent, Instance, Mesh, Plane, Plan
 from gtlayout.io.files import read_json
 from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
+from gtlayout.results.cylinder_rows import read_strip
 from gtlayout.results.dimension_rows import (
     read_accuracy,
     read_dimension,
@@ -25,7 +26,7 @@ from gtlayout.results.dimension_rows import (
     read_scale,
     read_sigma,
 )
-from gtlayout.results.layout_format import FORMAT
+from gtlayout.results.layout_format import BEFORE_CURVED, FORMAT
 from gtlayout.results.refined_cameras import with_refined_cameras
 from gtlayout.scene import LABELS, Scene
 
@@ -52,15 +53,13 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
     """
     path = out_dir / "layout.json"
     data = read_json(path)
-    if data.get("format") != FORMAT:
+    if data.get("format") not in (FORMAT, BEFORE_CURVED):
         raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
     try:
         names = [row["name"] for row in data["instances"]]
         metric = bool(data["metric"])
         parts = [_read_instance(row, names, _elements(scene), metric, path) for row in data["instances"]]
-        inferred = [
-            _read_inferred(row["extent"]) for row in data["instances"] if row["extent"].get("inferred") is not None
-        ]
+        inferred = [_read_inferred(row) for row in data["instances"] if row["extent"].get("inferred") is not None]
         if inferred and len(inferred) < len(parts):
             raise ValueError("what is inferred is given for some instances only")
         mesh = _read_mesh(data["mesh"], names)
@@ -106,7 +105,7 @@ def _read_instance(
     plane = row["plane"]
     if row["label"] not in LABELS:
         raise ValueError(f"unknown label {row['label']!r}")
-    frame = _frame(row["extent"])
+    frame = _frame(row)
     return (
         instance,
         Plane(
@@ -135,13 +134,16 @@ def _read_accuracies(rows: Sequence[dict[str, Any]]) -> tuple[Accuracy, ...]:
 
 
 def _frame(row: dict[str, Any]) -> PlaneFrame:
-    """Of an extent; a plane that is not placed has none, and nulls."""
-    return PlaneFrame(reals(row["origin"], (3,), unknown=True), reals(row["axes"], (2, 3), unknown=True))
+    """Of an instance's extent; a plane that is not placed has none, and nulls."""
+    if strip := read_strip(row.get("cylinder")):
+        return strip
+    extent = row["extent"]
+    return PlaneFrame(reals(extent["origin"], (3,), unknown=True), reals(extent["axes"], (2, 3), unknown=True))
 
 
 def _read_inferred(row: dict[str, Any]) -> Extent:
     frame = _frame(row)
-    region = _region(row["inferred"], frame)
+    region = _region(row["extent"]["inferred"], frame)
     return Extent(frame, region, region)
 
 

@@ -55,7 +55,7 @@ def reasons(layout: Layout, quality: Quality) -> list[str]:
 
 
 def dimensions(layout: Layout) -> list[str]:
-    """Heights, widths, areas and volumes of the room with σ, and what doors and windows measure: one line each.
+    """Heights, widths, radii, areas and volumes of the room with σ, and what doors and windows measure: one line each.
 
     Of each kind the most certain first; of walls only all together. Lengths in metres have their level of accuracy.
     """
@@ -64,6 +64,9 @@ def dimensions(layout: Layout) -> list[str]:
         f"{one.kind} {dimension_of(layout, one)}: {with_sigma(one.length, one.sigma, 3, unit)}{_level(one.accuracy)}"
         for one in most_certain_first(layout.dimensions)
     ]
+    for i, cylinder in layout.curved.items():
+        radius = with_sigma(cylinder.radius, cylinder.sigma_radius, 3, unit)
+        lines.append(f"radius of the curved wall {layout.instances[i].name}: {radius}")
     for amount in shown_quantities(layout):
         power = "³" if amount.kind == "volume" else "²"
         least = "" if amount.closed else " at least: not all of its outline was seen"

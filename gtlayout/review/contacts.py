@@ -67,10 +67,11 @@ def contact_findings(solution: Solution, matches: Sequence[KeyFrameMatch], confi
 
 def _expected(solution: Solution) -> tuple[ExpectedContact, ...]:
     rays = triangulate(solution.scene, solution.tracks, solution.config.triangulation)
-    measured = Measurements(
-        solution.scene, solution.tracks, rays, solution.instances, solution.track_instance, solution.edges
-    )
-    pairs = {(min(edge.instances), max(edge.instances)) for edge in solution.edges}
+    # A curved wall does not meet others where its plane would.
+    curved = solution.layout.curved.keys()
+    edges = tuple(edge for edge in solution.edges if not curved & set(edge.instances))
+    measured = Measurements(solution.scene, solution.tracks, rays, solution.instances, solution.track_instance, edges)
+    pairs = {(min(edge.instances), max(edge.instances)) for edge in edges}
     ignored = pairs - set(solution.estimate.contact_offsets)
     return contacts_without_their_key_frame(measured, solution.planes, ignored, solution.config.estimation)
 

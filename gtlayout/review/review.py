@@ -23,7 +23,8 @@ from gtlayout.solution import Solution
 def review(solution: Solution, config: ReviewConfig | None = None) -> tuple[Finding, ...]:
     """What is probably wrong in the drawings, the worst first.
 
-    Each key frame is compared with what all others predict in it, its contact edges with planes solved without them.
+    Each key frame is compared with what all others predict in it, its contact edges with planes solved without them;
+    curved walls are not.
     """
     # As in a solve: the same bytes need one thread.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -36,10 +37,12 @@ def _reviewed(solution: Solution, config: ReviewConfig) -> tuple[Finding, ...]:
         solution.scene, solution.instances, solution.planes, settings.regrouping, settings.extent
     )
     missing = missing_instances(solution, matches, config)
+    curved = _curved_elements(solution)
     matched = [
         finding
         for found, unseen in zip(matches, missing, strict=True)
         for finding in match_findings(solution, found, unseen, config)
+        if (finding.key_frame, finding.element_id) not in curved
     ]
     by_key_frame = {found.key_frame: found for found in matches}
     tiling = [
@@ -48,6 +51,15 @@ def _reviewed(solution: Solution, config: ReviewConfig) -> tuple[Finding, ...]:
         if finding.kind != "gap" or not _is_missing(finding, matched)
     ]
     return worst_first([*matched, *tiling, *contact_findings(solution, matches, config)])
+
+
+def _curved_elements(solution: Solution) -> set[tuple[int, str]]:
+    """(key frame, element) of curved walls: what the others predict of these is flat."""
+    return {
+        (k, solution.scene.key_frames[k].elements[e].id)
+        for i in solution.layout.curved
+        for k, e in solution.instances[i].members
+    }
 
 
 def _is_missing(gap: Finding, matched: Sequence[Finding]) -> bool:

@@ -103,10 +103,16 @@ class Session:
             track_instance=found.regrouping.track_instance,
             edges=edges,
             left_out=found.regrouping.left_out,
+            curved=tuple(
+                replace(wall, instance=new)
+                for new, origin in enumerate(found.origin)
+                for wall in last.prepared.curved
+                if wall.instance == origin
+            ),
         )
         with stage("estimation"):
             known = _known_planes(last, found)
-            solved = estimate(prepared, config.estimation, config.seed, known)
+            solved = estimate(prepared.flat, config.estimation, config.seed, known)
             solved, still = with_still_planes(solved, known, _corners(last, found))
         cameras = [prepared.given_scene.frame_of(k).camera for k in range(len(prepared.scene.key_frames))]
         with stage("extents"):

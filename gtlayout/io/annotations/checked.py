@@ -24,6 +24,11 @@ MAX_REASONS = 5
 """In an error; more do not fit into its line."""
 
 
+CURVED = "curved"
+"""What the attribute of a curved wall is called in every format."""
+_YES, _NO = frozenset({"true", "yes", "1", CURVED}), frozenset({"", "false", "no", "0", "flat"})
+
+
 class UnusableError(Exception):
     """A shape that cannot be used; its text follows "polygon skipped" or the like."""
 
@@ -66,6 +71,15 @@ def name(value: Any) -> str | None:
         return None
     text = printable(str(value)).strip()
     return text if 0 < len(text) <= MAX_NAME else None
+
+
+def is_curved(value: Any, notes: Notes, where: str) -> bool:
+    """What the attribute ``curved`` says, as each tool writes it; what is neither yes nor no is noted, and is no."""
+    text = str(value).casefold().strip() if isinstance(value, bool | int | str) else "" if value is None else "?"
+    if text not in _YES | _NO:
+        shown = name(value) or f"of type {type(value).__name__}"
+        notes.add(f"{CURVED} is {shown}, neither true nor false: taken as false", where)
+    return text in _YES
 
 
 def image_size(width: Any, height: Any) -> tuple[int, int] | None:

@@ -29,6 +29,7 @@ class DrawnElement:
     id: str | None
     group: str | None
     z_order: int
+    curved: bool = False
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def assemble(drawn: Sequence[DrawnElement], visible: Sequence[DrawnVisible]) -> 
         if amodal.is_empty:
             notes.append(f"element {name}: elements with a higher z-order cover all of it, dropped")
             continue
-        elements.append(Element(name, element.label, amodal, _union(parts)))
+        elements.append(Element(name, element.label, amodal, _union(parts), element.curved))
     once, doubles = _once(elements)
     return once, [*notes, *doubles]
 
@@ -81,7 +82,8 @@ def _once(elements: Sequence[Element]) -> tuple[tuple[Element, ...], list[str]]:
     for element in elements:
         for i, other in enumerate(kept):
             if other.label == element.label and _iou(other.amodal, element.amodal) > TWICE_IOU:
-                kept[i] = replace(other, visible=_union([other.visible, element.visible]))
+                seen = _union([other.visible, element.visible])
+                kept[i] = replace(other, visible=seen, curved=other.curved or element.curved)
                 notes.append(
                     f"{element.label} {element.id} left out: almost the same polygon as {element.label} {other.id}"
                 )
@@ -113,6 +115,7 @@ def _put_together(drawn: Sequence[DrawnElement]) -> list[DrawnElement]:
             amodal=_union([part.amodal for part in same]),
             visible=_union([part.visible for part in same]),
             z_order=max(part.z_order for part in same),
+            curved=any(part.curved for part in same),
         )
         for same in parts.values()
     ]

@@ -117,7 +117,10 @@ def _key_frame(
                 repairs.lines.append(f"{where}: no polygon left within the image, element dropped")
                 continue
             seen = region(shape.visible, view, f"{where}, visible part", repairs)
-            elements.append(DrawnElement(kind, amodal, seen, shape.id, shape.group, shape.z_order))
+            curved = shape.curved and kind == "wall"
+            if shape.curved and not curved:
+                repairs.lines.append(f"{where}: only a wall can be curved, this {kind} is read as flat")
+            elements.append(DrawnElement(kind, amodal, seen, shape.id, shape.group, shape.z_order, curved))
     assembled, notes = assemble(elements, visible)
     repairs.lines += [f"{view.name}: {note}" for note in notes]
     if not assembled:

@@ -21,7 +21,7 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import Notes, UnusableError, image_size, name, pairs
+from gtlayout.io.annotations.checked import CURVED, Notes, UnusableError, image_size, is_curved, name, pairs
 from gtlayout.io.annotations.masks import decode_mask, mask_polygons, simple_rings
 from gtlayout.io.archives import archive_of
 from gtlayout.io.files import json_text, read_json, write_all_atomic
@@ -97,14 +97,14 @@ def _key_frame(path: Path, notes: Notes) -> RawKeyFrame:
     found = []
     for shape in shapes:
         try:
-            found.append(_shape(shape))
+            found.append(_shape(shape, path.name, notes))
         except UnusableError as reason:
             kind = (name(shape.get("shape_type")) if isinstance(shape, dict) else None) or "shape"
             notes.add(f"{kind} skipped: {reason}", path.name)
     return RawKeyFrame(image, tuple(found), image_size(data.get("imageWidth"), data.get("imageHeight")))
 
 
-def _shape(shape: Any) -> RawShape:
+def _shape(shape: Any, where: str, notes: Notes) -> RawShape:
     label = name(shape.get("label")) if isinstance(shape, dict) else None
     if label is None:
         raise UnusableError("it has no label")
@@ -123,6 +123,7 @@ def _shape(shape: Any) -> RawShape:
         lines = (points_px,)
     else:
         raise UnusableError("it is no polygon, rectangle, mask, line or linestrip")
+    flags = shape.get("flags")
     description = ID.fullmatch(name(shape.get("description")) or "")
     return RawShape(
         label,
@@ -130,6 +131,7 @@ def _shape(shape: Any) -> RawShape:
         lines,
         id=description[1] if description else None,
         group=name(shape.get("group_id")),
+        curved=isinstance(flags, dict) and is_curved(flags.get(CURVED), notes, where),
     )
 
 
@@ -155,20 +157,25 @@ def _shapes(key_frame: KeyFrame) -> list[dict[str, Any]]:
     shapes = [_written("occlusion_edge", "linestrip", line) for line in key_frame.occlusion_edges]
     shapes += [_written("blank", "polygon", ring) for ring in simple_rings(key_frame.blank)]
     for group, element in enumerate(key_frame.elements, start=1):
-        regions: tuple[tuple[str, MultiPolygon, str], ...] = (
-            (element.label, element.amodal, f"id={element.id}"),
-            ("visible", element.visible, ""),
+        regions: tuple[tuple[str, MultiPolygon, str, dict[str, bool]], ...] = (
+            (element.label, element.amodal, f"id={element.id}", {CURVED: True} if element.curved else {}),
+            ("visible", element.visible, "", {}),
         )
         shapes += [
-            _written(label, "polygon", ring, group, description)
-            for label, region, description in regions
+            _written(label, "polygon", ring, group, description, flags)
+            for label, region, description, flags in regions
             for ring in simple_rings(region)
         ]
     return shapes
 
 
 def _written(
-    label: str, shape_type: str, points_px: FloatArray, group: int | None = None, description: str = ""
+    label: str,
+    shape_type: str,
+    points_px: FloatArray,
+    group: int | None = None,
+    description: str = "",
+    flags: dict[str, bool] | None = None,
 ) -> dict[str, Any]:
     return {
         "label": label,
@@ -176,7 +183,7 @@ def _written(
         "group_id": group,
         "description": description,
         "shape_type": shape_type,
-        "flags": {},
+        "flags": flags or {},
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import NATIVE_FILE, files_of_kind
-from gtlayout.io.annotations.checked import MAX_PX, Notes, UnusableError, name, pairs
+from gtlayout.io.annotations.checked import CURVED, MAX_PX, Notes, UnusableError, is_curved, name, pairs
 from gtlayout.io.annotations.drafts import Draft, as_drawn
 from gtlayout.io.annotations.masks import simple_rings
 from gtlayout.io.annotations.outlines import View
@@ -104,6 +104,7 @@ def _entry(image: str, key_frame: KeyFrame, scores: Mapping[str, float] | None =
                 **({} if scores is None else {"score": scores[element.id]}),
                 "polygons": simple_rings(element.amodal),
                 "visible": simple_rings(element.visible),
+                **({CURVED: True} if element.curved else {}),
             }
             for element in key_frame.elements
         ],
@@ -140,10 +141,10 @@ def _element(data: Any, image: str, notes: Notes) -> RawShape:
     if own_id is None or label is None:
         raise UnusableError(f"it has no {'id' if own_id is None else 'label'}")
     where = f"{image}, element {own_id}"
-    polygons = _polylines(data, "polygons", where, notes)
+    polygons, curved = _polylines(data, "polygons", where, notes), is_curved(data.get(CURVED), notes, where)
     if not polygons:
         raise UnusableError("it has no polygon")
-    return RawShape(label, polygons, visible=_polylines(data, "visible", where, notes), id=own_id)
+    return RawShape(label, polygons, visible=_polylines(data, "visible", where, notes), id=own_id, curved=curved)
 
 
 def _polylines(data: dict[str, Any], key: str, where: str, notes: Notes) -> tuple[FloatArray, ...]:

@@ -21,7 +21,17 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import NO_OCCLUSION_EDGES, Notes, UnusableError, because, image_size, name, points
+from gtlayout.io.annotations.checked import (
+    CURVED,
+    NO_OCCLUSION_EDGES,
+    Notes,
+    UnusableError,
+    because,
+    image_size,
+    is_curved,
+    name,
+    points,
+)
 from gtlayout.io.annotations.coco.rle import rle_rings
 from gtlayout.io.annotations.masks import simple_rings
 from gtlayout.io.files import read_json, write_json_atomic
@@ -45,7 +55,7 @@ class _Image:
 def read_coco(_root: Path, path: Path) -> RawAnnotations:
     """Read the file; images without an annotation are no key frames.
 
-    ``attributes`` may hold an ``id``, and for annotations of a category that means visible parts the ``element`` they
+    ``attributes`` may hold an ``id``, ``curved``, and, of a category that means visible parts, the ``element`` they
     belong to. Annotations without segmentation (boxes, key points, captions), of images or categories that the file
     does not have, or with broken outlines or masks are dropped with a warning per kind. Raises GtlayoutError when the
     file is no such JSON or nothing in it can be used.
@@ -85,7 +95,8 @@ def write_coco(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFram
         size = {"width": frame.camera.width, "height": frame.camera.height}
         images.append({"id": image_id, "file_name": frame.name, **size})
         for element in key_frame.elements:
-            annotations.append(_annotation(element.amodal, element.label, image_id, {"id": element.id}))
+            said: dict[str, str | bool] = {"id": element.id, **({CURVED: True} if element.curved else {})}
+            annotations.append(_annotation(element.amodal, element.label, image_id, said))
             if not element.visible.is_empty:
                 annotations.append(_annotation(element.visible, VISIBLE, image_id, {"element": element.id}))
         if not key_frame.blank.is_empty:
@@ -119,13 +130,13 @@ def _add(annotation: dict[str, Any], image: _Image | None, categories: Mapping[A
     parts = regions if isinstance(regions, list) else [annotation]
     for part in parts:
         try:
-            image.shapes.append(_shape(part, annotation, image.size, categories))
+            image.shapes.append(_shape(part, annotation, image, categories, notes))
         except UnusableError as reason:
             notes.add(f"annotation skipped: {reason}", f"{image.name}, {where}")
 
 
 def _shape(
-    part: Any, annotation: dict[str, Any], size: tuple[int, int] | None, categories: Mapping[Any, str]
+    part: Any, annotation: dict[str, Any], image: _Image, categories: Mapping[Any, str], notes: Notes
 ) -> RawShape:
     """``part`` is the annotation itself or, in COCOA, one of its regions."""
     if not isinstance(part, dict):
@@ -134,14 +145,21 @@ def _shape(
     label = name(part.get("name")) if is_region else categories.get(_key(part.get("category_id")))
     if label is None:
         raise UnusableError("its category is none of the file's")
-    polygons = _rings(_first(part, AMODAL_FIELDS), size)
+    polygons = _rings(_first(part, AMODAL_FIELDS), image.size)
     if not polygons:
         raise UnusableError("it has no segmentation")
     seen = _first(part, VISIBLE_FIELDS)
-    visible = polygons if is_region and seen is None and not part.get("invisible_mask") else _rings(seen, size)
+    visible = polygons if is_region and seen is None and not part.get("invisible_mask") else _rings(seen, image.size)
     given = part.get("attributes")
-    attributes = {key.casefold(): name(value) for key, value in given.items()} if isinstance(given, dict) else {}
-    return RawShape(label, polygons, visible=visible, id=attributes.get("id"), element=attributes.get("element"))
+    attributes = {key.casefold(): value for key, value in given.items()} if isinstance(given, dict) else {}
+    return RawShape(
+        label,
+        polygons,
+        visible=visible,
+        id=name(attributes.get("id")),
+        element=name(attributes.get("element")),
+        curved=is_curved(attributes.get(CURVED), notes, image.name),
+    )
 
 
 def _rings(segmentation: Any, size: tuple[int, int] | None) -> tuple[FloatArray, ...]:
@@ -173,7 +191,9 @@ def _list(data: dict[str, Any], key: str, path: Path, *, required: bool = True) 
     return value
 
 
-def _annotation(region: MultiPolygon, label: str, image_id: int, attributes: dict[str, str]) -> dict[str, Any]:
+def _annotation(
+    region: MultiPolygon, label: str, image_id: int, attributes: Mapping[str, str | bool]
+) -> dict[str, Any]:
     x_min, y_min, x_max, y_max = shapely.bounds(region).tolist()
     return {
         "image_id": image_id,

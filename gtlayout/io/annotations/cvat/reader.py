@@ -16,7 +16,7 @@ from defusedxml import ElementTree as DefusedTree
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.annotation_files import files_of_kind
-from gtlayout.io.annotations.checked import Notes, UnusableError
+from gtlayout.io.annotations.checked import CURVED, Notes, UnusableError, is_curved
 from gtlayout.io.annotations.cvat.shapes import geometry, whole_number
 from gtlayout.io.annotations.sequence import VIDEO_FRAME
 from gtlayout.io.archives import read_bytes
@@ -203,6 +203,7 @@ def _shape(node: Node, track: Node | None, where: str, notes: Notes) -> RawShape
         element=attributes.get("element") or None,
         group=group,
         z_order=z_order,
+        curved=is_curved(attributes.get(CURVED), notes, where),
     )
 
 

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element as Node
 from xml.etree.ElementTree import SubElement
 
+from gtlayout.io.annotations.checked import CURVED
 from gtlayout.io.annotations.cvat.reader import PROPOSED
 from gtlayout.io.annotations.labeling import label_config
 from gtlayout.io.annotations.masks import simple_rings
@@ -34,8 +35,9 @@ def write_cvat(path: Path, frames: Sequence[Frame], key_frames: Sequence[KeyFram
         if proposed:
             SubElement(image, "tag", {"label": PROPOSED, "source": "manual"})
         for element in key_frame.elements:
+            curved = {CURVED: "true"} if element.curved else {}
             for ring in simple_rings(element.amodal):
-                _shape(image, "polygon", element.label, ring, {"id": element.id})
+                _shape(image, "polygon", element.label, ring, {"id": element.id, **curved})
             for ring in simple_rings(element.visible):
                 _shape(image, "polygon", "visible", ring, {"element": element.id})
         for ring in simple_rings(key_frame.blank):

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gtlayout.io.annotations.checked import Notes, UnusableError, is_px, name
+from gtlayout.io.annotations.checked import CURVED, Notes, UnusableError, is_px, name
+from gtlayout.io.annotations.checked import is_curved as is_said_curved
 from gtlayout.io.annotations.label_studio.geometry import HOLDS, is_curved, is_drawn, region_geometry
 from gtlayout.io.sources import RawShape
 from gtlayout.scene import FloatArray
@@ -35,6 +36,7 @@ class _Region:
     """Which image of the task."""
     polygons_percent: tuple[FloatArray, ...]
     lines_percent: tuple[FloatArray, ...]
+    curved: bool
 
 
 def shapes_by_image(
@@ -79,13 +81,18 @@ def shapes_by_image(
         polygons, lines = (
             tuple(points * size / 100 for points in each) for each in (region.polygons_percent, region.lines_percent)
         )
-        found += [RawShape(label, polygons, lines, id=region.id, element=element) for label in region.labels]
+        found += [
+            RawShape(label, polygons, lines, id=region.id, element=element, curved=region.curved)
+            for label in region.labels
+        ]
     return shapes
 
 
 def _region(
     key: str | int, same: Sequence[dict[str, Any]], sizes: dict[int, tuple[int, int]], notes: Notes, where: str
 ) -> _Region | None:
+    said = [result for result in same if result.get("from_name") == CURVED and isinstance(result.get("value"), dict)]
+    same = [result for result in same if result.get("from_name") != CURVED]
     values = [result["value"] for result in same if isinstance(result.get("value"), dict)]
     labels = [label for value in values for each in value if each.endswith("labels") for label in _names(value[each])]
     # Polygons without labels of their own may have a choice for each region instead.
@@ -112,7 +119,11 @@ def _region(
     own = key if isinstance(key, str) else None
     parent = next(filter(None, (name(result.get("parentID")) for result in same)), None)
     labels = list(dict.fromkeys(labels))
-    return _Region(tuple(labels), texts_by_tag.get(ID, own), texts_by_tag.get(ELEMENT), parent, item, polygons, lines)
+    chosen = [choice for result in said for choice in _names(result["value"].get("choices"))]
+    curved = is_said_curved(chosen[0] if chosen else texts_by_tag.get(CURVED), notes, where)
+    return _Region(
+        tuple(labels), texts_by_tag.get(ID, own), texts_by_tag.get(ELEMENT), parent, item, polygons, lines, curved
+    )
 
 
 def _kinds(same: Sequence[dict[str, Any]], values: Sequence[dict[str, Any]]) -> set[str]:
@@ -129,7 +140,7 @@ def _texts_by_tag(same: Sequence[dict[str, Any]]) -> dict[str, str]:
     for result in same:
         meta = result.get("meta")
         notes = _names(meta.get("text")) if isinstance(meta, dict) else ()
-        for key, text in re.findall(rf"\b({ID}|{ELEMENT})\s*[:=]\s*(\S+)", " ".join(notes)):
+        for key, text in re.findall(rf"\b({ID}|{ELEMENT}|{CURVED})\s*[:=]\s*(\S+)", " ".join(notes)):
             texts_by_tag.setdefault(key, text)
     for result in same:
         tag, value = result.get("from_name"), result.get("value")
