@@ -42,6 +42,9 @@ def opening_dimensions(room: SolvedRoom) -> list[Taken]:
 def _of_opening(room: SolvedRoom, index: int, up: FloatArray) -> list[Taken]:
     along = np.cross(up, room.planes[index].normal)
     across, upright = _median_chord(room, index, along, up), _median_chord(room, index, up, along)
+    # Of a region in pieces the middle may be empty.
+    if across is None or upright is None:
+        return []
     kinds: tuple[tuple[DimensionKind, FloatArray], ...] = (("opening width", across), ("opening height", upright))
     found = []
     for kind, ends in kinds:
@@ -57,8 +60,8 @@ def _of_opening(room: SolvedRoom, index: int, up: FloatArray) -> list[Taken]:
     return found
 
 
-def _median_chord(room: SolvedRoom, index: int, along: FloatArray, across: FloatArray) -> FloatArray:
-    """(2, 3) the ends of the chord of median length, in the direction ``along``."""
+def _median_chord(room: SolvedRoom, index: int, along: FloatArray, across: FloatArray) -> FloatArray | None:
+    """(2, 3) the ends of the chord of median length, in the direction ``along``; None where none crosses the region."""
     extent = room.extents[index]
     axes = np.stack([extent.frame.axes @ along, extent.frame.axes @ across])
     region = shapely.transform(extent.region, lambda uv: uv @ axes.T)
@@ -69,6 +72,8 @@ def _median_chord(room: SolvedRoom, index: int, along: FloatArray, across: Float
         if not line.is_empty:
             left, _, right, _ = line.bounds
             chords.append(np.array([[left, at], [right, at]]))
+    if not chords:
+        return None
     middle = sorted(chords, key=lambda chord: float(np.ptp(chord[:, 0])))[len(chords) // 2]
     return extent.frame.to_world(middle @ axes)
 
