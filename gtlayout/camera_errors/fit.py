@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -61,8 +61,7 @@ class Problem:
     @property
     def first_noise(self) -> PoseNoise:
         """Pose noise to start from: that of poor cameras. From above its size is found in fewer steps."""
-        least, factor = self.least_noise, self.config.first_noise**2
-        return replace(least, smooth=factor * least.smooth, white=factor * least.white)
+        return self.least_noise.times(self.config.first_noise)
 
     @property
     def least_noise(self) -> PoseNoise:
@@ -127,16 +126,17 @@ def fit(problem: Problem, active: IntArray, start: FloatArray) -> Fit:
 
 
 def pose_noise(problem: Problem, prior_covariance: FloatArray) -> PoseNoise:
-    """The size of the noise of the problem's poses, learned as in ``fit``.
+    """The size of the noise of the problem's poses, learned as in ``fit``, but down to what exact cameras have.
 
-    With the (P, P) covariance of what is known of the errors' values without these tracks.
+    With the (P, P) covariance of what is known of the errors' values without these tracks. The tracks count by the
+    noise they have, without the factor on σ of what is found by them: it would hide noise that they show.
     """
     config, count = problem.config, len(problem.priors)
-    information, gradient, _ = _without_depths(problem)
-    noise = problem.first_noise
+    least, noise = problem.least_noise.times(config.exact_noise_share), problem.first_noise
+    information, gradient, _ = _without_depths(problem, 1.0)
     for _ in range(config.response_steps):
         covariance, mean = _with_priors(information, gradient, prior_covariance, noise)
-        noise = noise.learned(mean[count:], covariance[count:, count:], problem.least_noise)
+        noise = noise.learned(mean[count:], covariance[count:, count:], least)
     return noise
 
 
@@ -148,21 +148,20 @@ def posterior(problem: Problem, prior_covariance: FloatArray, noise: PoseNoise) 
     size of the noise that the poses came with.
     """
     count = len(problem.priors)
-    information, gradient, directions = _without_depths(problem)
+    # Where σ of what is found must be larger by a factor, its information is less by the square of it.
+    information, gradient, directions = _without_depths(problem, problem.config.confidence_factor**-2)
     moment, mean = _with_priors(information, gradient, prior_covariance, noise)
     moment[:count, :count] += np.outer(mean[:count], mean[:count])
     return directions @ moment @ directions.T
 
 
-def _without_depths(problem: Problem) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _without_depths(problem: Problem, weight: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """At the problem's cameras: information and gradient by all errors and pose noise, and what these change."""
     frames = len(problem.seen.frames)
     system, by_values = _linearised(problem, np.zeros(len(problem.priors)), np.zeros(6 * frames), problem.rho)
     directions = np.hstack([by_values, noise_directions(frames)])
-    # Where σ of what is found must be larger by a factor, its information is less by the square of it.
-    honest = problem.config.confidence_factor**-2
-    information = honest * directions.T @ system.information @ directions
-    return information, honest * directions.T @ system.scores.sum(axis=0), directions
+    information = weight * directions.T @ system.information @ directions
+    return information, weight * directions.T @ system.scores.sum(axis=0), directions
 
 
 def _with_priors(

@@ -42,6 +42,15 @@ class PoseNoise:
         smoothness, modes = np.linalg.eigh((1 + apart) * np.exp(-apart))
         return cls(modes, smoothness, smooth, white)
 
+    def times(self, factor: float) -> PoseNoise:
+        """Noise with σ larger by a factor."""
+        return replace(self, smooth=factor**2 * self.smooth, white=factor**2 * self.white)
+
+    def size_in(self, usual: PoseNoise) -> float:
+        """How many times as large as ``usual`` noise it is: the root of the mean square of its four σ, in those."""
+        ratios = np.concatenate([self.smooth / usual.smooth, self.white / usual.white])
+        return float(np.sqrt(ratios.mean()))
+
     def information(self) -> FloatArray:
         """(6 F, 6 F) inverse covariance."""
         of_kind = np.einsum("fm,km,gm->kfg", self.modes, 1 / self._variances, self.modes)

@@ -46,9 +46,14 @@ def camera_response(
         again = triangulate(cameras, evidence, triangulation)
         return Problem.of(cameras, evidence, again, order, config, frames, local)
 
-    problem, prior_covariance = of(scene), remaining(doubt, config)
-    noise = pose_noise(problem if given is scene else of(given), prior_covariance)
-    covariance = posterior(problem, prior_covariance, noise)
+    problem = of(scene)
+    before = problem if given is scene else of(given)
+    first = pose_noise(before, remaining(doubt, config, 1.0))
+    # Poses without noise come from a good calibration, and poses with much from one that may be off in all else, too.
+    size = first.size_in(problem.least_noise)
+    share = float(np.clip(config.floor_by_noise * size**2, *config.floor_shares))
+    prior_covariance = remaining(doubt, config, share)
+    covariance = posterior(problem, prior_covariance, pose_noise(before, prior_covariance))
     values, vectors = np.linalg.eigh(covariance)
     # (D, D) changes of the cameras by independent errors of one σ each.
     changes = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -67,25 +72,27 @@ def camera_response(
     return CameraResponse(rho_share, center, turn)
 
 
-def remaining(doubt: CameraDoubt, config: CameraErrorConfig) -> FloatArray:
+def remaining(doubt: CameraDoubt, config: CameraErrorConfig, floor_share: float) -> FloatArray:
     """(P, P) covariance of the values of all shared errors: most cameras are right, some are badly wrong.
 
     Each error is one of two: as small as in good cameras, or as large as its prior has it. How likely it is the second,
-    its value says (Bayes' rule); the value itself counts by that probability, as a square.
+    its value says (Bayes' rule); the value itself counts by that probability, as a square. ``floor_share`` is how many
+    times as large as usual the errors of these cameras are where they are small.
     """
     blocks = []
     for finding in doubt.findings:
         size, scale = finding.error.size, finding.error.scale
-        small, large = scale.floor**2 / 4, scale.prior**2
+        small, large = (floor_share * scale.floor) ** 2 / 4, scale.prior**2
         if finding.decision == "corrected":
             blocks.append(finding.covariance)
             continue
+        found = finding.covariance + (floor_share**2 - 1) * scale.floor**2 * np.eye(size)
         odds = (
             config.wrong_share
             / (1 - config.wrong_share)
             * np.exp(
-                _log_density(finding.values, finding.covariance + large * np.eye(size))
-                - _log_density(finding.values, finding.covariance + small * np.eye(size))
+                _log_density(finding.values, found + large * np.eye(size))
+                - _log_density(finding.values, found + small * np.eye(size))
             )
         )
         wrong = float(odds / (1 + odds))

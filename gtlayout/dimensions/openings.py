@@ -42,6 +42,7 @@ def opening_dimensions(room: SolvedRoom) -> list[Taken]:
 def _of_opening(room: SolvedRoom, index: int, up: FloatArray) -> list[Taken]:
     along = np.cross(up, room.planes[index].normal)
     across, upright = _median_chord(room, index, along, up), _median_chord(room, index, up, along)
+    # Of a region in pieces the middle may be empty.
     if across is None or upright is None:
         return []
     kinds: tuple[tuple[DimensionKind, FloatArray], ...] = (("opening width", across), ("opening height", upright))

@@ -9,12 +9,11 @@ from functools import cached_property
 import numpy as np
 import shapely
 
+from gtlayout.dimensions.drawing_noise import drawn_sigma_px
 from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.scene import OPENINGS, BoolArray, FloatArray, Scene
 
-SIGMA_DRAWN_PX = 2.5
-"""σ of an edge as people draw it, in an image of 640x480: measured on drawings of clips whose planes are known."""
 _REACH_SHARE = 0.005
 """A corner lies on another surface that is nearer than this share of the room's size: 4 cm in one of 8 m. Drawn lines
 lie so far from where planes meet (plinths, worktops)."""
@@ -73,6 +72,11 @@ class SolvedRoom:
             for i, (plane, extent) in enumerate(zip(self.planes, self.extents, strict=True))
             if plane.observable and not extent.region.is_empty
         ]
+
+    @cached_property
+    def drawn_sigma_px(self) -> float:
+        """σ of a drawn edge, as ``drawing_noise.drawn_sigma_px`` has it."""
+        return drawn_sigma_px(self.scene, self.instances, self.extents, self.seen, self.size)
 
     def moved_by(self, index: int, point_world: FloatArray) -> FloatArray:
         """(4,) what ``normal · point + d`` of a plane changes by, by its (normal, normal · anchor + d)."""
@@ -144,5 +148,5 @@ class SolvedRoom:
             (across_x, across_y), (along_x, along_y) = (points_px[1:] - points_px[0]) / step
             # Of a shift across the outline only what is across its image can be seen.
             px_per_unit = abs(across_x * along_y - across_y * along_x) / max(float(np.hypot(along_x, along_y)), 1e-300)
-            information += (px_per_unit / (SIGMA_DRAWN_PX * camera.annotation_scale)) ** 2
+            information += (px_per_unit / (self.drawn_sigma_px * camera.annotation_scale)) ** 2
         return float(1 / np.sqrt(information)) if information > 0 else np.inf

@@ -221,6 +221,14 @@ class CameraErrorConfig:
     """An error counts from so many σ on."""
     held_out_share: float = 0.5
     """Share of the tracks by which a correction is judged that was found with the others."""
+    exact_noise_share: float = 0.1
+    """Poses whose noise tracks show to be smaller than ``least_smooth`` and ``least_white`` may leave depths open by as
+    little as this share of it: what the response is made of. Synthetic rooms with exact cameras come down to it."""
+    floor_by_noise: float = 0.3
+    """Share of ``floor`` that errors of all cameras have where the noise of poses is that of good cameras; it grows
+    with the square of the noise."""
+    floor_shares: tuple[float, float] = (0.25, 3.0)
+    """Least and largest share."""
     wrong_share: float = 0.1
     """Share of videos whose cameras are badly wrong in one of these ways."""
     response_directions: int = 32
