@@ -122,7 +122,7 @@ def _projection(scene: Scene, tracks: Tracks, center: FloatArray, ray: FloatArra
     far, slope = np.empty((3, len(tracks.track))), np.empty((3, len(tracks.track)))
     order = np.argsort(tracks.frame, kind="stable")
     frames, start = np.unique(tracks.frame[order], return_index=True)
-    for frame, seen in zip(frames.tolist(), np.split(order, start[1:]), strict=True):
+    for frame, seen in zip(frames.tolist(), np.split(order, start)[1:], strict=True):
         camera = scene.frames[frame].camera
         index = tracks.track[seen]
         far[:, seen] = (ray[index] @ (camera.K @ camera.R_cam_from_world).T).T
