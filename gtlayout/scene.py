@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, Protocol, get_args
 
@@ -79,7 +80,12 @@ class Camera:
         The world point at depth z is therefore ``center_world + z * ray``.
         """
         homogeneous = np.column_stack([points_px, np.ones(len(points_px))])
-        return homogeneous @ (np.linalg.inv(self.K).T @ self.R_cam_from_world)
+        return homogeneous @ self._ray_world_from_px
+
+    @cached_property
+    def _ray_world_from_px(self) -> FloatArray:
+        """(3, 3) takes homogeneous pixels, as rows, to rays."""
+        return np.linalg.inv(self.K).T @ self.R_cam_from_world
 
 
 class VideoSource(Protocol):

@@ -17,7 +17,7 @@ from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.plane_image import clip_to_plane, unproject
-from gtlayout.geometry.polygons import buffered, polygons
+from gtlayout.geometry.polygons import buffered, cut, polygons
 from gtlayout.instances import Extent, Instance, Plane
 from gtlayout.scene import FloatArray, Scene
 
@@ -301,6 +301,25 @@ def test_fine_lines_are_buffered_in_runs_to_the_same_region(cap_style: Literal["
     assert buffered(LineString(apart[1]), 0.5, cap_style).equals_exact(
         LineString(apart[1]).buffer(0.5, cap_style=cap_style)
     )
+
+
+def test_many_lines_are_buffered_as_one_region() -> None:
+    """As contact edges are: many short pieces of nearly one line, with flat ends, of which GEOS loses slivers."""
+    rng = np.random.default_rng(0)
+    pieces = [LineString([[x, 0.01 * rng.normal()], [x + 0.3, 0.01 * rng.normal()]]) for x in np.arange(0, 9, 0.3)]
+    region = buffered(shapely.union_all(pieces), 2.0, "flat", 4)
+    each = [piece.buffer(2.0, cap_style="flat") for piece in pieces]
+    assert region.is_valid
+    assert all(region.buffer(1e-9).covers(piece) for piece in each)
+    assert region.area == pytest.approx(shapely.union_all(each).area)
+
+
+@pytest.mark.parametrize(("offset", "left"), [(0.0, 4.0), (-1.0, 2.0), (-2.0, 0.0), (0.1, 4.0), (-3.0, 0.0)])
+def test_cut_leaves_the_side_with_positive_values(offset: float, left: float) -> None:
+    square = shapely.box(0.0, 5.0, 2.0, 7.0)
+    part = cut(square, np.array([1.0, 0.0, offset]))
+    assert part.area == pytest.approx(left)
+    assert part.is_empty or part.bounds[2] == 2.0
 
 
 def test_finely_drawn_outlines_give_the_extents_of_plain_ones() -> None:

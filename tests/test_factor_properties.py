@@ -18,6 +18,7 @@ import pytest
 from gtsam.symbol_shorthand import B, C, L, O, P
 
 from gtlayout.factors import (
+    EdgeView,
     biased_depth_factor,
     coplanarity_factor,
     cylinder_edge_factor,
@@ -215,7 +216,9 @@ class TestEdge(FactorSuite):
         R, center = gtsam.Rot3.RzRyRx(0.2, -0.3, 0.1).matrix(), np.array([0.3, -0.2, 0.5])
         pair = [motion.plane(far_plane(rng)), motion.plane(far_plane(rng))]
         offset = {O(0): motion.R @ rng.uniform(-0.1, 0.1, 3)}
-        return edge_factor((P(0), P(1)), O(0), points_px, motion.projection(R, center), noise), values_of(pair, offset)
+        return edge_factor((P(0), P(1)), O(0), EdgeView.of(points_px, motion.projection(R, center)), noise), values_of(
+            pair, offset
+        )
 
 
 class TestPerpendicularity(FactorSuite):

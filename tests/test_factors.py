@@ -9,6 +9,7 @@ import pytest
 from gtsam.symbol_shorthand import B, C, L, O, P
 
 from gtlayout.factors import (
+    EdgeView,
     biased_depth_factor,
     coplanarity_factor,
     cylinder_edge_factor,
@@ -42,7 +43,9 @@ def test_edge_is_zero_on_the_projected_intersection_and_in_pixels_beside_it() ->
 
     def error(shift_px: float, tilt_px: float) -> FloatArray:
         points = np.array([image[0] + (shift_px + tilt_px) * across, image[1] + (shift_px - tilt_px) * across])
-        whitened: FloatArray = edge_factor((P(0), P(1)), O(0), points, projection, unit).whitenedError(values)
+        whitened: FloatArray = edge_factor((P(0), P(1)), O(0), EdgeView.of(points, projection), unit).whitenedError(
+            values
+        )
         return whitened
 
     np.testing.assert_allclose(error(0, 0), 0, atol=1e-9)
@@ -62,7 +65,7 @@ def test_an_offset_moves_the_line_that_the_edge_should_lie_on() -> None:
     values.insertPoint3(O(0), np.array([-0.02, 0.01, 5.0]))
     points = np.array([(K @ [1.98, 1.01, z] / z)[:2] for z in (4.0, 9.0)])
     projection = np.column_stack([K, np.zeros(3)])
-    factor = edge_factor((P(0), P(1)), O(0), points, projection, gtsam.noiseModel.Unit.Create(2))
+    factor = edge_factor((P(0), P(1)), O(0), EdgeView.of(points, projection), gtsam.noiseModel.Unit.Create(2))
     np.testing.assert_allclose(factor.whitenedError(values), 0, atol=1e-9)
     jacobian, _ = factor.linearize(values).jacobian()
     np.testing.assert_allclose(jacobian[:, 6:] @ [0, 0, 1], 0, atol=1e-9)
@@ -73,7 +76,9 @@ def test_edge_of_coincident_planes_says_nothing() -> None:
     values.insertPoint3(O(0), np.zeros(3))
     for key in (P(0), P(1)):
         values.insert(key, gtsam.OrientedPlane3(np.array([0, 0, -1.0, 3])))
-    factor = edge_factor((P(0), P(1)), O(0), np.array([[10.0, 20], [30, 40]]), CAMERA, gtsam.noiseModel.Unit.Create(2))
+    factor = edge_factor(
+        (P(0), P(1)), O(0), EdgeView.of(np.array([[10.0, 20], [30, 40]]), CAMERA), gtsam.noiseModel.Unit.Create(2)
+    )
     jacobian, error = factor.linearize(values).jacobian()
     assert jacobian.shape == (2, 9)
     assert not jacobian.any()
@@ -91,7 +96,7 @@ def test_edge_of_nearly_coincident_planes_says_nothing_below_a_hundredth_radian(
     K = np.array([[400.0, 0, 300], [0, 400, 200], [0, 0, 1]])
     projection = np.column_stack([K, np.zeros(3)])
     factor = edge_factor(
-        (P(0), P(1)), O(0), np.array([[10.0, 20], [30, 40]]), projection, gtsam.noiseModel.Unit.Create(2)
+        (P(0), P(1)), O(0), EdgeView.of(np.array([[10.0, 20], [30, 40]]), projection), gtsam.noiseModel.Unit.Create(2)
     )
     # They meet in x = 0, seen as the column x = 300.
     expected = np.array([280.0, 10.0]) if says_something else np.zeros(2)
@@ -106,7 +111,7 @@ def test_edge_whose_line_lies_beside_the_camera_says_nothing() -> None:
     values.insert(P(1), gtsam.OrientedPlane3(np.array([-1.0, 0, -1, 1]) / np.sqrt(2)))
     projection = np.column_stack([np.eye(3), np.zeros(3)])
     factor = edge_factor(
-        (P(0), P(1)), O(0), np.array([[0.1, 0.2], [0.3, 0.4]]), projection, gtsam.noiseModel.Unit.Create(2)
+        (P(0), P(1)), O(0), EdgeView.of(np.array([[0.1, 0.2], [0.3, 0.4]]), projection), gtsam.noiseModel.Unit.Create(2)
     )
     jacobian, error = factor.linearize(values).jacobian()
     assert not jacobian.any()

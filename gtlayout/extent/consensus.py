@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.geometry.plane_image import clip_to_plane, inverse_depth, unproject
-from gtlayout.geometry.polygons import half_plane, polygons
+from gtlayout.geometry.polygons import cut, polygons
 from gtlayout.instances import Instance, Member, Plane, PlaneFrame
 from gtlayout.scene import BoolArray, Camera, FloatArray, Scene
 
@@ -120,6 +120,7 @@ def contradicting(
     elements = scene.key_frames[key_frame].elements
     mine = shapely.union_all([element.amodal for e, element in enumerate(elements) if (key_frame, e) in own])
     instance_of = {member: i for i, one in enumerate(instances) for member in one.members}
+    nearest = inverse_depth(plane, camera) / (1 - config.occluder_margin)
     found = []
     for e, element in enumerate(elements):
         other = instance_of.get((key_frame, e))
@@ -128,11 +129,9 @@ def contradicting(
         # On a fine grid, and repaired: neighbours drawn with the same corners leave needles that GEOS trips over.
         region = polygons(shapely.difference(element.amodal, mine, grid_size=_GRID_PX))
         if other != host and not region.is_empty:
-            not_nearer = inverse_depth(plane, camera) / (1 - config.occluder_margin) - inverse_depth(
-                planes[other], camera
-            )
-            region = region.intersection(half_plane(not_nearer, region))
-        found.append(lift(region, plane, camera, frame, max_depth, config))
+            region = cut(region, nearest - inverse_depth(planes[other], camera))
+        if not region.is_empty:
+            found.append(lift(region, plane, camera, frame, max_depth, config))
     return found
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.geometry.polygons import half_plane, homogeneous
+from gtlayout.geometry.polygons import cut, homogeneous
 from gtlayout.instances import Plane
 from gtlayout.scene import Camera, FloatArray
 
@@ -35,7 +35,7 @@ def clip_to_plane(
     limit = max(1 / max_depth, min_horizon_px * slope)
     if region.is_empty or not np.isfinite(inverse).all():
         return Polygon()
-    return region.intersection(half_plane(inverse - [0.0, 0.0, limit], region))
+    return cut(region, inverse - [0.0, 0.0, limit])
 
 
 def unproject(points_px: FloatArray, plane: Plane, camera: Camera) -> FloatArray:

@@ -38,10 +38,15 @@ def fill(rings: Sequence[FloatArray], height: int, width: int) -> BoolArray:
     share = (row + 0.5 - start[edge, 1]) / (end[edge, 1] - start[edge, 1])
     x = start[edge, 0] + share * (end[edge, 0] - start[edge, 0])
     column = np.clip(np.ceil(x - 0.5), 0, width).astype(np.int64)
-    # Every crossing flips the row from its column on.
-    flips = np.bincount(row * (width + 1) + column, minlength=height * (width + 1)).reshape(height, width + 1)
-    crossings: npt.NDArray[np.uint8] = np.cumsum(flips[:, :width].astype(np.uint8), axis=1, dtype=np.uint8)
-    return (crossings & 1).astype(bool)
+    inside = np.zeros((height, width), dtype=bool)
+    if len(row):
+        # Every crossing flips the row from its column on. Beyond the last one of all, all rows are outside.
+        top, left = row.min(), column.min()
+        rows, columns = row.max() - top + 1, column.max() - left + 1
+        flips = np.bincount((row - top) * columns + column - left, minlength=rows * columns).astype(np.uint8)
+        crossings = np.cumsum(flips.reshape(rows, columns), axis=1, dtype=np.uint8)
+        inside[top : top + rows, left : left + columns] = (crossings & 1)[:, : width - left]
+    return inside
 
 
 def spread_points(region: MultiPolygon, count: int) -> FloatArray:

@@ -64,7 +64,7 @@ def shifts_and_tilts_px(
     a, b = (planes[[group.instances[side] for group in groups]] for side in (0, 1))
     center = np.array([group.center for group in groups]) - offsets
     line_by_normal = np.array([group.line_by_normal for group in groups])
-    u = np.array([np.column_stack([group.representatives_px, np.ones(2)]) for group in groups])
+    u = np.array([group.seen.points_px for group in groups])
     scale = np.array([group.camera.annotation_scale for group in groups])
     clearance_a, clearance_b = (np.sum(one[:, :3] * center, axis=1) + one[:, 3] for one in (a, b))
     through = clearance_a[:, None] * b[:, :3] - clearance_b[:, None] * a[:, :3]

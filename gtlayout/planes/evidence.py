@@ -60,6 +60,11 @@ class Evidence:
         return tuple(sorted({group.instances for group in self.edges}))
 
     @cached_property
+    def typical_rho(self) -> float:
+        """Median inverse depth of all tracks."""
+        return float(np.median(self.rays.rho))
+
+    @cached_property
     def touching(self) -> BoolArray:
         """(S, S) whether two instances have a contact edge in any key frame."""
         pairs = np.zeros_like(self.perpendicular)

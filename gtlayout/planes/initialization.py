@@ -97,7 +97,7 @@ class _Search:
         absurd = (depth < self.depth_range[0]) | (depth > self.depth_range[1])
         cost = config.absurd_weight * absurd.mean(axis=1)
         # Among depths that nothing else determines, prefer the usual one.
-        ratio = np.median(np.clip(depth, *self.depth_range), axis=1) * np.median(evidence.rays.rho)
+        ratio = np.median(np.clip(depth, *self.depth_range), axis=1) * evidence.typical_rho
         cost += config.usual_depth_weight * np.log(ratio) ** 2
         if len(index):
             capped = np.minimum((evidence.track_residuals(index, hypotheses) / config.track_cutoff) ** 2, 1.0)
@@ -128,9 +128,10 @@ class _Search:
     def _hypotheses(self, instance: int, index: IntArray, planes: FloatArray) -> FloatArray:
         """(H, 4) candidate planes, normals of either sign; rows may be NaN where a draw was degenerate."""
         evidence, draws = self.evidence, self.config.draws
-        points = evidence.rays.points_world()[index]
+        points = evidence.rays.center[index] + evidence.rays.ray[index] / evidence.rays.rho[index, None]
         # The better known depths are drawn more often.
         confidence = evidence.rays.rho[index] / evidence.sigma_rho[index]
+        share = np.cumsum(confidence / confidence.sum())
         placed = np.isfinite(planes[:, 0])
         lines = [
             group.ends_on(planes[group.other(instance)])
@@ -140,16 +141,15 @@ class _Search:
         across = planes[evidence.perpendicular[instance] & placed, :3]
         triples = [np.empty((3, 0, 3))]
         if len(points) >= 3:
-            triples.append(points[self._draw(confidence, (3, draws))])
+            triples.append(points[self._draw(share, (3, draws))])
         if len(points) >= 2 and len(across):
-            a, b = points[self._draw(confidence, (2, draws))]
+            a, b = points[self._draw(share, (2, draws))]
             triples.append(np.stack([a, b, a + across[self.rng.integers(len(across), size=draws)]]))
         for start, end in lines:
             if len(points):
-                third = points[self._draw(confidence, (self.config.draws_per_edge,))]
-                triples.append(np.stack(np.broadcast_arrays(start, end, third)))
+                triples.append(_with_third(start, end, points[self._draw(share, (self.config.draws_per_edge,))]))
             if len(across):
-                triples.append(np.stack(np.broadcast_arrays(start, end, start + across)))
+                triples.append(_with_third(start, end, start + across))
         if len(lines) >= 2:
             triples.append(np.concatenate(lines)[self.rng.integers(2 * len(lines), size=(3, draws))])
         candidates = [_through_points(*np.concatenate(triples, axis=1))]
@@ -161,8 +161,16 @@ class _Search:
                 candidates.append(np.column_stack([np.tile(normal, (len(anchors), 1)), -anchors @ normal]))
         return np.concatenate(candidates)
 
-    def _draw(self, weight: FloatArray, shape: tuple[int, ...]) -> IntArray:
-        return self.rng.choice(len(weight), size=shape, p=weight / weight.sum())
+    def _draw(self, share: FloatArray, shape: tuple[int, ...]) -> IntArray:
+        """Indices by their probabilities, of which ``share`` is the running sum: what ``rng.choice`` gives."""
+        return np.searchsorted(share / share[-1], self.rng.random(shape), side="right")
+
+
+def _with_third(start: FloatArray, end: FloatArray, third: FloatArray) -> FloatArray:
+    """(3, n, 3) the two ends of a line with each of (n, 3) third points."""
+    triples = np.empty((3, *third.shape))
+    triples[0], triples[1], triples[2] = start, end, third
+    return triples
 
 
 def manhattan_sine(cosine: FloatArray, touching: BoolArray) -> FloatArray:

@@ -46,11 +46,9 @@ def edge_factors(evidence: Evidence, planes: FloatArray, config: EstimationConfi
     number = {pair: c for c, pair in enumerate(evidence.contacts)}
     for group in evidence.edges:
         if np.isfinite(planes[list(group.instances), 0]).all():
-            camera = group.camera
-            noise = _cauchy(camera.annotation_scale * sigmas_px, config.edge_cauchy)
-            projection = camera.K @ np.column_stack([camera.R_cam_from_world, camera.t_cam_from_world])
+            noise = _cauchy(group.camera.annotation_scale * sigmas_px, config.edge_cauchy)
             keys = P(group.instances[0]), P(group.instances[1])
-            factors.append(edge_factor(keys, O(number[group.instances]), group.representatives_px, projection, noise))
+            factors.append(edge_factor(keys, O(number[group.instances]), group.seen, noise))
     return factors
 
 

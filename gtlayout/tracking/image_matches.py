@@ -173,7 +173,8 @@ def _matched(first: _Image, second: _Image, config: ImageMatchConfig) -> tuple[I
 def _most_alike(a: _Image, b: _Image, max_ratio: float) -> tuple[IntArray, IntArray]:
     """(n,) features of one image and (n,) of another of which each is the most alike to the other, clearly so."""
     # All are whole numbers below 2²⁴: exact, in whatever order they are added. A row's own |a|² changes no comparison.
-    aside = b.squared - 2 * (a.steps @ b.steps.T)
+    aside = (-2 * a.steps) @ b.steps.T
+    aside += b.squared
     every = np.arange(len(aside))
     partner = np.argmin(aside, axis=1)
     least = a.squared + aside[every, partner]

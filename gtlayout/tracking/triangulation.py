@@ -69,13 +69,13 @@ def triangulate(scene: Scene, tracks: Tracks, config: TriangulationConfig) -> Tr
     rho = _best_on_grid(tracks, far, slope, scale_px, first, depth_range)
     for _ in range(10):
         residual, jacobian = _reprojection(tracks, far, slope, rho[tracks.track])
-        weight = 1.0 / (1.0 + np.sum(residual**2, axis=1) / scale_px**2)
-        gradient = np.add.reduceat(weight * np.sum(residual * jacobian, axis=1), first)
-        curvature = np.add.reduceat(weight * np.sum(jacobian**2, axis=1), first)
+        weight = 1.0 / (1.0 + np.sum(residual**2, axis=0) / scale_px**2)
+        gradient = np.add.reduceat(weight * np.sum(residual * jacobian, axis=0), first)
+        curvature = np.add.reduceat(weight * np.sum(jacobian**2, axis=0), first)
         step = gradient / np.maximum(curvature, 1e-12)
         rho = np.clip(rho - step, 1.0 / depth_range[1], 1.0 / depth_range[0])
-    gain = _cost(tracks, far, slope, np.zeros(len(rho)), scale_px, first) - _cost(
-        tracks, far, slope, rho, scale_px, first
+    gain = _cost(tracks, far, slope, 0.0, scale_px, first) - _cost(
+        tracks, far, slope, rho[tracks.track], scale_px, first
     )
     # Without parallax it is only known that the depth is not small. The result must not depend on its upper limit.
     least, most = np.median(rho) / np.flip(config.depth_range_medians) if len(rho) else (0.0, np.inf)
@@ -111,35 +111,48 @@ def reprojection_px(scene: Scene, tracks: Tracks, rays: TriangulatedTracks) -> F
     """(M, 2) where each observation's point projects to, minus where it was seen."""
     far, slope = _projection(scene, tracks, rays.center, rays.ray)
     residual, _ = _reprojection(tracks, far, slope, rays.rho[tracks.track])
-    return residual
+    return residual.T
 
 
 def _projection(scene: Scene, tracks: Tracks, center: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Per observation the homogeneous image of ``center + ray / ρ`` is ``far + ρ slope``: (M, 3) each."""
-    far, slope = np.empty((len(tracks.track), 3)), np.empty((len(tracks.track), 3))
-    for frame in np.unique(tracks.frame):
+    """Per observation the homogeneous image of ``center + ray / ρ`` is ``far + ρ slope``: (3, M) each.
+
+    Rows of coordinates, here and below: sums of two or three numbers each take NumPy many times as long.
+    """
+    far, slope = np.empty((3, len(tracks.track))), np.empty((3, len(tracks.track)))
+    order = np.argsort(tracks.frame, kind="stable")
+    frames, start = np.unique(tracks.frame[order], return_index=True)
+    for frame, seen in zip(frames.tolist(), np.split(order, start)[1:], strict=True):
         camera = scene.frames[frame].camera
-        seen = tracks.frame == frame
         index = tracks.track[seen]
-        far[seen] = ray[index] @ (camera.K @ camera.R_cam_from_world).T
-        slope[seen] = (center[index] @ camera.R_cam_from_world.T + camera.t_cam_from_world) @ camera.K.T
+        far[:, seen] = (ray[index] @ (camera.K @ camera.R_cam_from_world).T).T
+        slope[:, seen] = ((center[index] @ camera.R_cam_from_world.T + camera.t_cam_from_world) @ camera.K.T).T
     return far, slope
 
 
 def _reprojection(tracks: Tracks, far: FloatArray, slope: FloatArray, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(M, 2) residuals in px and their (M, 2) derivatives with respect to ρ."""
-    homogeneous = far + rho[:, None] * slope
-    depth = np.where(np.abs(homogeneous[:, 2:]) < 1e-9, 1e-9, homogeneous[:, 2:])
-    projected = homogeneous[:, :2] / depth
-    return projected - tracks.points_px, (slope[:, :2] - projected * slope[:, 2:]) / depth
+    """(2, M) residuals in px and their (2, M) derivatives with respect to ρ."""
+    projected, depth = _image(far, slope, rho)
+    return projected - tracks.points_px.T, (slope[:2] - projected * slope[2]) / depth
+
+
+def _image(far: FloatArray, slope: FloatArray, rho: FloatArray | float) -> tuple[FloatArray, FloatArray]:
+    """(2, M) pixels of the observations at (M,) inverse depths, or one for all, and (M,) the divisors they have."""
+    homogeneous = far + rho * slope
+    depth = np.where(np.abs(homogeneous[2]) < 1e-9, 1e-9, homogeneous[2])
+    return homogeneous[:2] / depth, depth
 
 
 def _cost(
-    tracks: Tracks, far: FloatArray, slope: FloatArray, rho: FloatArray, scale_px: FloatArray, first: IntArray
+    tracks: Tracks, far: FloatArray, slope: FloatArray, rho: FloatArray | float, scale_px: FloatArray, first: IntArray
 ) -> FloatArray:
-    """(N,) Cauchy loss of each track at inverse depth ρ, in units of its scale squared: Σ log(1 + r² / scale²)."""
-    residual, _ = _reprojection(tracks, far, slope, rho[tracks.track])
-    cost: FloatArray = np.add.reduceat(np.log1p(np.sum(residual**2, axis=1) / scale_px**2), first)
+    """(N,) Cauchy loss of each track at inverse depth ρ, in units of its scale squared: Σ log(1 + r² / scale²).
+
+    ρ is (M,), of each observation, or one for all.
+    """
+    projected, _ = _image(far, slope, rho)
+    residual = projected - tracks.points_px.T
+    cost: FloatArray = np.add.reduceat(np.log1p(np.sum(residual**2, axis=0) / scale_px**2), first)
     return cost
 
 
@@ -154,7 +167,7 @@ def _best_on_grid(
     best_cost = np.full(len(tracks), np.inf)
     best = np.full(len(tracks), 1.0 / depth_range[1])
     for candidate in np.geomspace(1.0 / depth_range[1], 1.0 / depth_range[0], _GRID):
-        cost = _cost(tracks, far, slope, np.full(len(tracks), candidate), scale_px, first)
+        cost = _cost(tracks, far, slope, candidate, scale_px, first)
         better = cost < best_cost
         best_cost[better], best[better] = cost[better], candidate
     return best
