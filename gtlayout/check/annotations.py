@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 
 import shapely
 from shapely import LineString
 
 from gtlayout.review.tiling import tiling_findings
-from gtlayout.scene import Element, FloatArray, Scene
+from gtlayout.scene import SAME_BORDER_PX, Element, FloatArray, Scene
 
 MIN_KEY_FRAMES = 3
 """With one or two key frames errors of the annotation hardly show, because nothing contradicts them."""
@@ -21,12 +22,13 @@ MAX_STRAY_SHARE = 0.5
 
 
 def annotation_suspicions(scene: Scene) -> list[str]:
-    """Too few key frames; visible parts outside and stray edges, key frame by key frame; overlaps."""
+    """Too few key frames; visible parts outside, stray edges, floors over ceilings, by key frame; overlaps."""
     lines = []
     for k, key_frame in enumerate(scene.key_frames):
         name = scene.frame_of(k).name
         lines += [f"{name}: {line}" for line in _visible_outside(key_frame.elements)]
         lines += [f"{name}: {line}" for line in _stray_edges(key_frame.elements, key_frame.occlusion_edges)]
+        lines += [f"{name}: {line}" for line in _upside_down(key_frame.elements)]
     overlaps = [finding.line for finding in tiling_findings(scene) if finding.kind == "overlap"]
     return [*_few(scene), *_without_visible(scene), *lines, *overlaps]
 
@@ -63,6 +65,17 @@ def _visible_outside(elements: tuple[Element, ...]) -> Iterator[str]:
             yield (
                 f"element {element.id} ({element.label}): {1 - inside:.0%} of its visible part lies outside of it; "
                 "is it another element's?"
+            )
+
+
+def _upside_down(elements: tuple[Element, ...]) -> Iterator[str]:
+    """Of an image that is turned on its side nothing is said: floor and ceiling lie beside each other."""
+    floors, ceilings = ([e for e in elements if e.label == label] for label in ("floor", "ceiling"))
+    for floor, ceiling in product(floors, ceilings):
+        if floor.amodal.bounds[3] <= ceiling.amodal.bounds[1] + SAME_BORDER_PX:
+            yield (
+                f"floor {floor.id} lies above ceiling {ceiling.id}: swap their labels, or turn image and drawing if they "
+                "are upside down"
             )
 
 

@@ -37,6 +37,16 @@ def _inverted(camera: Camera) -> Camera:
     return replace(camera, R_cam_from_world=camera.R_cam_from_world.T, t_cam_from_world=camera.center_world)
 
 
+def _flipped(camera: Camera, x: bool, y: bool) -> Camera:
+    """As if the images had been turned over left for right, upside down, or both."""
+    flip = np.eye(3)
+    if x:
+        flip[0] = -1.0, 0.0, camera.width
+    if y:
+        flip[1] = 0.0, -1.0, camera.height
+    return replace(camera, K=flip @ camera.K)
+
+
 @dataclass(frozen=True)
 class Reading:
     """Another way to read the cameras."""
@@ -63,6 +73,16 @@ OTHERWISE = (
             apply,
         )
         for apply in (_inverted, lambda camera: _axes_turned(_inverted(camera)))
+    ),
+    Reading(
+        "images that are mirrored, left for right, or poses in the axes of a mirrored world (left-handed, as of games)",
+        "mirror the images back, or negate one axis of the world and the same of the camera",
+        lambda camera: _flipped(camera, x=True, y=False),
+    ),
+    Reading(
+        "images that are upside down",
+        "turn them by 180°, and what is drawn on them",
+        lambda camera: _flipped(camera, x=True, y=True),
     ),
 )
 

@@ -43,10 +43,23 @@ NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 
 
 def _can_be_made(_type: object, place: Path | None) -> None:
-    """Raises GtlayoutError, before any work is done, where the folder that ``place`` is to lie in is not there."""
+    """Raises GtlayoutError, before any work is done, where nothing can be written to ``place``: the folder that it is to
+    lie in is not there, or may not be written to, or it is a link that leads to itself.
+    """
+    if place is not None and place.is_symlink() and Path(os.path.realpath(place)).is_symlink():
+        raise GtlayoutError(f"cannot write {place}: it is a link that leads to itself")
     if place is not None and not place.parent.is_dir():
         what = "a file, not a folder" if place.parent.exists() else "not there"
         raise GtlayoutError(f"cannot write {place}: {place.parent} is {what}")
+    if place is not None:
+        require_writable(place)
+
+
+def require_writable(place: Path) -> None:
+    """Raises GtlayoutError where this user may not write the file or folder ``place``."""
+    folder = place if place.is_dir() else place.parent
+    if (folder == place or not place.exists() or place.is_file()) and not os.access(folder, os.W_OK | os.X_OK):
+        raise GtlayoutError(f"cannot write {place}: Permission denied for {folder}")
 
 
 def _is_folder(_type: object, place: Path | None) -> None:
@@ -98,6 +111,9 @@ def exit_status(app: App, arguments: list[str] | None, when_interrupted: str) ->
         return WRONG_USAGE
     except GtlayoutError as error:
         print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    except PermissionError as error:
+        print(f"{name}: cannot use {error.filename}: {error.strerror}", file=sys.stderr)
         return 1
     except KeyboardInterrupt as error:
         word, status = ending(error)

@@ -21,6 +21,7 @@ from gtlayout.cli.console import (
     print_notes,
     print_warnings,
     progress_bars,
+    require_writable,
     stdout,
     time_limit,
 )
@@ -86,6 +87,8 @@ def solve(
     out_dir = out or scene_dir / FOLDER
     if out is None and out_dir.exists() and not out_dir.is_dir():
         raise GtlayoutError(f"results cannot go to {out_dir}: it is a file, not a folder")
+    if scene_dir.is_dir():
+        require_writable(out_dir)
 
     from gtlayout.api import load, save
     from gtlayout.closing.close import close as close_room

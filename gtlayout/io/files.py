@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -45,10 +46,10 @@ def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
     as_bytes = {path: content.encode() if isinstance(content, str) else content for path, content in contents.items()}
     places = {path: Path(os.path.realpath(path)) for path in contents if not _takes_a_stream(path)}
     temporaries = {path: place.with_name(f".{place.name}.{os.getpid()}.tmp") for path, place in places.items()}
-    path = Path()
+    path, made = Path(), list[Path]()
     try:
         for path, temporary in temporaries.items():
-            temporary.parent.mkdir(parents=True, exist_ok=True)
+            made += _make(temporary.parent)
             if path.is_dir():
                 raise GtlayoutError(f"cannot write {path}: a folder is in its place")
             temporary.write_bytes(as_bytes[path])
@@ -62,6 +63,16 @@ def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
         for temporary in temporaries.values():
             with suppress(OSError):
                 temporary.unlink()
+        for folder in reversed(made):
+            with suppress(OSError):  # what holds something stays
+                folder.rmdir()
+
+
+def _make(folder: Path) -> list[Path]:
+    """Make a folder with those that it lies in; returns the new ones, from the outermost on."""
+    missing = [each for each in (folder, *folder.parents) if not each.exists()][::-1]
+    folder.mkdir(parents=True, exist_ok=True)
+    return missing
 
 
 def _takes_a_stream(path: Path) -> bool:
@@ -72,14 +83,27 @@ def _takes_a_stream(path: Path) -> bool:
 
 
 @contextmanager
+def let_in() -> Iterator[None]:
+    """Raises GtlayoutError naming it where a file or folder may not be looked at: pathlib raises PermissionError even
+    when it is only asked whether a file is there.
+    """
+    try:
+        yield
+    except PermissionError as error:
+        raise GtlayoutError(f"cannot read {error.filename}: {error.strerror}") from error
+
+
+@contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
     """Fill a folder: the one given is called like ``out`` and takes its place in the end, unless something was raised.
 
     Raises GtlayoutError when ``out`` is there already and not an empty folder, or the disk does not take it.
     """
+    taken = GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
-    out = Path(os.path.realpath(out))  # a link to an empty folder stays one
+        raise taken
+    given, out = out, Path(os.path.realpath(out))  # a link to an empty folder stays one
+    filled = out
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
@@ -90,7 +114,12 @@ def new_folder(out: Path) -> Iterator[Path]:
                 out.rmdir()
             filled.rename(out)
     except OSError as error:
+        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # somebody else was quicker
+            raise taken from error
         raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
+    except GtlayoutError as error:
+        # The folder that was filled is gone, and nobody has heard of it.
+        raise GtlayoutError(str(error).replace(str(filled), str(given))) from error
 
 
 def write_json_atomic(path: Path, data: Any) -> None:

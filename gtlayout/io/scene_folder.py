@@ -30,6 +30,7 @@ from gtlayout.io.choosing import (
     sources_in,
     the_one,
 )
+from gtlayout.io.files import let_in
 from gtlayout.io.measurements import FILE as MEASUREMENTS_FILE
 from gtlayout.io.measurements import read_measurements
 from gtlayout.io.sources import PosedImages, RawAnnotations, Reader
@@ -58,6 +59,7 @@ ANNOTATION_READERS: tuple[Reader[RawAnnotations], ...] = (
 )
 
 
+@let_in()
 def load_scene(
     root: Path, annotations: Path | None = None, *, cameras: Path | None = None, annotated: bool = True
 ) -> Scene:
@@ -84,6 +86,7 @@ def load_scene(
     return replace(scene, measurements=read_measurements(root / MEASUREMENTS_FILE, scene.frames))
 
 
+@let_in()
 def load_undrawn(root: Path, cameras: Path | None = None) -> Scene:
     """The scene without key frames, whatever is drawn; arguments and errors as for ``load_scene``."""
     posed, unit = _posed(root, cameras)
@@ -134,7 +137,10 @@ def scene_of(root: Path, cameras: PosedImages, annotations: Path | None, *, anno
 
 def _undrawn(root: Path, cameras: PosedImages) -> tuple[Scene, Sequence[str]]:
     """The scene that ``cameras`` make, without key frames, and the names of cameras without an image."""
-    frames, without_image, frame_warnings = build_frames(root, cameras.images)
+    try:
+        frames, without_image, frame_warnings = build_frames(root, cameras.images)
+    except GtlayoutError as error:
+        raise GtlayoutError("; ".join([str(error), *cameras.warnings[:1]])) from error
     frames, origin_warnings = with_origins(root, frames)
     metric = any(frame.depth_path for frame in frames) if cameras.metric is None else cameras.metric
     return Scene(root, frames, (), metric, (*cameras.warnings, *frame_warnings, *origin_warnings)), without_image

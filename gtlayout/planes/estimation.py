@@ -32,6 +32,8 @@ from gtlayout.tracking.normalisation import Normalisation
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import camera_path
 
+_IF_IT_MOVED = "film sideways; where that was done, gtlayout check says what is wrong with the poses"
+
 
 def estimate(measured: Measurements, config: EstimationConfig, seed: int, known: FloatArray | None = None) -> Estimate:
     """Planes of all instances with their covariance, in the world of ``measured.scene``.
@@ -46,11 +48,17 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int, known:
     scene.require_elements()
     names = ", ".join(instance.name for instance in instances)
     if camera_path(scene) == 0.0:
-        raise GtlayoutError(f"{scene.root}: the camera does not move, so all planes are unobservable: {names}")
+        raise GtlayoutError(
+            f"{scene.root}: the camera does not move, so all planes are unobservable: {names}; {_IF_IT_MOVED}"
+        )
     if len(tracks) == 0:
-        raise GtlayoutError(f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}")
+        raise GtlayoutError(
+            f"{scene.root}: no point could be tracked, so all planes are unobservable: {names}; gtlayout check says why"
+        )
     if rays.moved_share() < config.min_moved_share:
-        raise GtlayoutError(f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}")
+        raise GtlayoutError(
+            f"{scene.root}: the camera hardly moves, so all planes are unobservable: {names}; {_IF_IT_MOVED}"
+        )
     local = Normalisation.of(rays)
     evidence = gather(measured, local, config)
     if known is None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gtlayout.accuracy import UPPER_ENDS_M, Accuracy, Status
 from gtlayout.instances import Dimension, DimensionKind, NextMeasurement, Quantity, QuantityKind
-from gtlayout.io.numbers import real, reals
+from gtlayout.io.numbers import MOST, real, reals
 from gtlayout.layout import Layout
 from gtlayout.measurement import Checked, MeasuredKind, Measurement, Scale
 from gtlayout.results.layout_format import (
@@ -133,7 +133,7 @@ def read_quantity(row: dict[str, Any], names: Sequence[str]) -> Quantity:
     return Quantity(
         _one_of(row["kind"], get_args(QuantityKind), "kind of quantity"),
         tuple(names.index(name) for name in row["of"]),
-        real(row["amount"], unknown=True),
+        real(row["amount"], most=MOST**3, unknown=True),
         read_sigma(row["sigma"]),
         bool(row["closed"]),
     )

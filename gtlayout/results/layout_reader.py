@@ -13,7 +13,7 @@ from shapely import MultiPolygon
 from gtlayout.accuracy import Accuracy
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
-from gtlayout.io.files import read_json
+from gtlayout.io.files import let_in, read_json
 from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
 from gtlayout.results.cylinder_rows import read_strip
@@ -28,9 +28,13 @@ from gtlayout.results.dimension_rows import (
 )
 from gtlayout.results.layout_format import BEFORE_CURVED, FORMAT
 from gtlayout.results.refined_cameras import with_refined_cameras
-from gtlayout.scene import LABELS, Scene
+from gtlayout.scene import LABELS, FloatArray, Scene
+
+UNIT_LENGTH = 1e-6
+"""A normal is off by less: files hold all digits."""
 
 
+@let_in()
 def read_solved(scene: Scene, out_dir: Path) -> tuple[Scene, Layout]:
     """The scene with the cameras, and in the unit, that its layout in ``out_dir`` was solved with, and the layout.
 
@@ -52,6 +56,8 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
         GtlayoutError: the file is absent, not a layout, or names elements that the scene does not have.
     """
     path = out_dir / "layout.json"
+    if not path.exists():
+        raise GtlayoutError(f"cannot read {path}: it is not there; solve the scene first")
     data = read_json(path)
     if data.get("format") not in (FORMAT, BEFORE_CURVED):
         raise GtlayoutError(f'{path} is not a layout: its "format" is {data.get("format")!r}, not {FORMAT!r}')
@@ -109,9 +115,9 @@ def _read_instance(
     return (
         instance,
         Plane(
-            reals(plane["normal"], (3,), unknown=True),
+            _normal(plane["normal"]),
             real(plane["d"], unknown=True),
-            reals(plane["covariance"], (4, 4), most=np.finfo(np.float64).max, unknown=True),
+            _covariance(plane["covariance"]),
             bool(plane["observable"]),
             plane["note"],
             _read_support(plane["support"]),
@@ -125,6 +131,22 @@ def _read_instance(
             real(row["extent"]["unknown_area"], most=MOST**2),
         ),
     )
+
+
+def _normal(row: Any) -> FloatArray:
+    """(3,) of unit length; NaN where the plane is not placed."""
+    normal = reals(row, (3,), unknown=True)
+    if not (np.isnan(normal).all() or abs(np.linalg.norm(normal) - 1) < UNIT_LENGTH):
+        raise ValueError(f"the normal {row} is not of length 1")
+    return normal
+
+
+def _covariance(rows: Any) -> FloatArray:
+    """(4, 4)"""
+    covariance = reals(rows, (4, 4), most=np.finfo(np.float64).max, unknown=True)
+    if (np.diag(covariance) < 0).any():
+        raise ValueError("a covariance has a negative variance")
+    return covariance
 
 
 def _read_accuracies(rows: Sequence[dict[str, Any]]) -> tuple[Accuracy, ...]:

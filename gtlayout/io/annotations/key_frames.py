@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
@@ -75,11 +76,20 @@ def build_key_frames(
     ]
     key_frames = tuple(by_frame[index] for index in sorted(by_frame) if by_frame[index].elements)
     if not key_frames:
-        why = because([*annotations.warnings, *annotations.notes, *warnings] or ["nothing is drawn in it"], file)
+        reasons = [*_in_shares(annotations.key_frames), *annotations.warnings, *annotations.notes, *warnings]
+        why = because(reasons or ["nothing is drawn in it"], file)
         raise GtlayoutError(f"{annotations.path}: no usable element in any frame{why}")
     if all(element.visible.is_empty for key_frame in key_frames for element in key_frame.elements):
         warnings.append("no visible parts drawn: points are tracked on whole elements, furniture before them too")
     return key_frames, warnings
+
+
+def _in_shares(key_frames: Sequence[RawKeyFrame]) -> list[str]:
+    """A line where all that is drawn lies within one pixel."""
+    rings = [ring for raw in key_frames for shape in raw.shapes for ring in shape.polygons if len(ring)]
+    if not rings or np.abs(np.concatenate(rings)).max() > 1:
+        return []
+    return ["all its coordinates lie between 0 and 1, as if they were shares of the image: they must be px"]
 
 
 def _key_frame(

@@ -15,6 +15,7 @@ import numpy as np
 from gtlayout.errors import GtlayoutError
 from gtlayout.extras import MissingExtraError
 from gtlayout.io.cameras.lenses import doubt, scaled
+from gtlayout.io.cameras.positions import coarse_positions, without_far
 from gtlayout.io.cameras.undistort import undistortion
 from gtlayout.io.cameras.upright import Turned, header_with_tag, is_of_shown, orientation_lines, size_seen, upright
 from gtlayout.io.image_names import FilesOnDisk
@@ -43,6 +44,8 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     FRAMES.check(len(images), str(root))
     files = FilesOnDisk()
     kept, warnings = _without_doubles(sorted(images, key=lambda image: natural(image.name)), root)
+    kept, elsewhere = without_far(kept, MAX_POSITION)
+    warnings += elsewhere
     ordered = on_disk(kept, files)
     present = [image for image in ordered if image.is_there]
     missing = [image for image in ordered if not image.is_there]
@@ -59,6 +62,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     fitted, other_shape = usable(present, lambda image: _fitted(image, headers[image.name], sizes))
     frames, no_frame = usable(fitted, lambda image: _frame(root, image, headers[image.name], files))
     warnings += [*_scaled(present, fitted), *other_shape, *no_frame, *_doubts(fitted)]
+    warnings += coarse_positions(fitted)
     warnings += orientation_lines(fitted, [headers[image.name] for image in fitted])
     if len(frames) < MIN_FRAMES:
         why = f"; {warnings[0]}" if warnings else ""
@@ -104,7 +108,7 @@ def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnD
     except GtlayoutError as error:
         raise GtlayoutError(f"{image.image_path}: {error}") from error
     if not np.all(np.abs(image.t_cam_from_world) <= MAX_POSITION):
-        raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}")
+        raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}, more than {MAX_POSITION:g} from the origin")
     pinhole = lens.target if lens else image.camera
     seen = Camera(
         K=pinhole.K,

@@ -14,6 +14,12 @@ from gtlayout.errors import GtlayoutError
 from gtlayout.io.lens import Lens, pycolmap_for
 from gtlayout.scene import FloatArray
 
+MIN_LEFT = 0.21
+"""A lens that leaves less of its image is none: COLMAP's undistortion stops at 0.2 of its sides. Those of action
+cameras leave 0.5 and more."""
+_SAMPLES = 9
+"""Of each side of the image."""
+
 
 @dataclass(frozen=True)
 class Undistortion:
@@ -76,7 +82,20 @@ def undistortion(camera: Lens) -> Undistortion | None:
         _ = found.target
     except ValueError as error:
         raise GtlayoutError(f"camera model {camera.model} cannot be undistorted to a pinhole camera") from error
+    if _left(found) < MIN_LEFT:
+        raise GtlayoutError(
+            f"the distortion of its lens, {camera.model} with {', '.join(f'{value:g}' for value in camera.params)}, "
+            "leaves next to nothing of the image: correct the coefficients"
+        )
     return found
+
+
+@lru_cache(maxsize=16)
+def _left(lens: Undistortion) -> float:
+    """The share of the image's sides, or where that is less of its area, that a pinhole image can show."""
+    x, y = np.meshgrid(np.linspace(0, lens.width, _SAMPLES), np.linspace(0, lens.height, _SAMPLES))
+    inverse = np.isfinite(lens.points(np.column_stack([x.ravel(), y.ravel()]))).all(axis=1)
+    return float(min(lens.target.width / lens.width, lens.target.height / lens.height, inverse.mean()))
 
 
 @lru_cache(maxsize=4)

@@ -7,6 +7,7 @@ whole on one line that is damaged, and takes a byte-order mark for data. Other p
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,7 +47,18 @@ def read_images(model: Path) -> tuple[list[ModelImage], tuple[str, ...]]:
     lines = _image_lines(file)
     if not lines:
         raise GtlayoutError(f"{file} holds no image with a pose")
-    return usable(lines, lambda line: _image(line, cameras, model / "cameras.txt"))
+    images, warnings = usable(lines, lambda line: _image(line, cameras, model / "cameras.txt"))
+    announced = _announced(file)
+    if len(lines) < announced:
+        warnings = (f"{file} announces {announced} images and holds {len(lines)}: it was cut off", *warnings)
+    return images, warnings
+
+
+def _announced(file: Path) -> int:
+    """How many images COLMAP says, in a comment, that it wrote; 0 where it does not."""
+    beginning = file.read_text(encoding="utf-8-sig", errors="surrogateescape")[:1000]
+    found = re.search(r"^# Number of images: (\d{1,9})\b", beginning, re.MULTILINE)
+    return int(found[1]) if found else 0
 
 
 def _cameras(file: Path) -> dict[int, Lens | GtlayoutError]:
