@@ -17,7 +17,7 @@ PYTEST := python -m pytest -n 2 --dist loadfile --max-worker-restart 1
 OLDER := $(addprefix tests/test_,$(addsuffix .py,last_bit synth synth_annotate synth_errors synth_images synth_paths \
 	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions solved_room measured floor_plan mesh quality real_clips))
 
-.PHONY: demo test test-older-cpu pictures clean
+.PHONY: demo test test-older-cpu fuzz pictures clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gtlayout solve $(ROOM)
@@ -35,6 +35,11 @@ test: $(VENV)/.installed-dev $(TOOLS)/.installed $(VALIDATOR)/node_modules
 # What arithmetic decides, as on a processor without AVX-512: NumPy, OpenBLAS and OpenCV differ there in the last bit.
 test-older-cpu: $(VENV)/.installed-dev
 	$(BIN)/python eval/processors.py avx2 $(BIN)/$(PYTEST) $(OLDER)
+
+# Each reader of files for a minute: about five minutes. FUZZ=600 gives each ten.
+FUZZ := 60
+fuzz: $(VENV)/.installed-dev
+	PYTHONPATH=tests $(BIN)/python tests/fuzz/fuzz_all.py $(FUZZ)
 
 # The pictures of README and docs. They need Debian's chromium.
 pictures: $(VENV)/.installed-dev

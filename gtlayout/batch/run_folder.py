@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from gtlayout.batch.record import (
@@ -70,11 +70,18 @@ def read_run(folder: Path) -> Run:
     try:
         if data["format"] != FORMAT:
             raise ValueError(f'"format" is {data["format"]!r}, not {FORMAT!r}')
-        names, config = [str(name) for name in data["scenes"]], dict(data["config"])
+        names, config = [_scene_name(name) for name in data["scenes"]], dict(data["config"])
         configuration = str(data["configuration"])
     except (KeyError, TypeError, ValueError) as error:
         raise GtlayoutError(f"{path} is damaged: {error}; run the batch again") from error
     return Run(folder, tuple(names), recorded(folder, names, configuration), config, configuration)
+
+
+def _scene_name(name: Any) -> str:
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts:
+        raise ValueError(f"the scene {name!r} leads out of the run")
+    return str(name)
 
 
 def recorded(folder: Path, scenes: Iterable[str], configuration: str) -> dict[str, Record]:

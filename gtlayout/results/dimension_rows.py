@@ -9,7 +9,7 @@ import numpy as np
 
 from gtlayout.accuracy import UPPER_ENDS_M, Accuracy, Status
 from gtlayout.instances import Dimension, DimensionKind, NextMeasurement, Quantity, QuantityKind
-from gtlayout.io.numbers import MOST, real, reals
+from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
 from gtlayout.measurement import Checked, MeasuredKind, Measurement, Scale
 from gtlayout.results.layout_format import (
@@ -102,7 +102,7 @@ def read_next(row: dict[str, Any] | None, dimensions: int) -> NextMeasurement | 
         return None
     if row["dimension"] not in range(dimensions):
         raise ValueError(f"no dimension {row['dimension']!r}")
-    return NextMeasurement(*(int(row[name]) for name in ("dimension", "within", "reached", "of")))
+    return NextMeasurement(*(whole(row[name]) for name in ("dimension", "within", "reached", "of")))
 
 
 def read_accuracy(row: dict[str, Any] | None) -> Accuracy | None:

@@ -193,4 +193,6 @@ def _read_mesh(data: dict[str, Any], names: list[str]) -> Mesh:
 
 
 def _region(polygons: list[list[list[list[float]]]], frame: PlaneFrame) -> MultiPolygon:
+    if polygons and not (np.isfinite(frame.origin).all() and np.isfinite(frame.axes).all()):
+        raise ValueError("an extent has a region and no place")
     return frame.region([[reals(ring, (-1, 3)) for ring in rings] for rings in polygons])

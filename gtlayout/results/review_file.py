@@ -11,6 +11,7 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import json_text, read_json
+from gtlayout.io.numbers import real, reals, whole
 from gtlayout.results.names import REVIEW_FILE
 from gtlayout.review.findings import KINDS, Finding
 from gtlayout.scene import FloatArray, Scene
@@ -48,23 +49,20 @@ def read_review(folder: Path, scene: Scene) -> tuple[Finding, ...] | None:
 
 def _read(row: dict[str, Any]) -> Finding:
     return Finding(
-        key_frame=int(row["key_frame"]),
+        key_frame=whole(row["key_frame"]),
         frame_name=str(row["frame_name"]),
         element_id=None if row["element_id"] is None else str(row["element_id"]),
-        edge=None if row["edge"] is None else int(row["edge"]),
+        edge=None if row["edge"] is None else whole(row["edge"]),
         kind=_KIND_OF[row["kind"]],
         message=str(row["message"]),
-        severity=float(row["severity"]),
+        severity=real(row["severity"]),
         where_px=_points(row["where_px"]),
         expected_px=None if row["expected_px"] is None else _points(row["expected_px"]),
     )
 
 
 def _points(values: Any) -> FloatArray:
-    points = np.array(values, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise ValueError("points are no list of [x, y]")
-    return points
+    return reals(values, (-1, 2))
 
 
 def _plain(value: Any) -> Any:

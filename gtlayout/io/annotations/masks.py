@@ -5,12 +5,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-import cv2
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
-from gtlayout.io.pixels.png import plain_png
+from gtlayout.io.pixels.png import decode_png, plain_png
 from gtlayout.scene import BoolArray, FloatArray, ImageArray, IntArray
 
 SIMPLIFY_PX = 0.25
@@ -29,17 +28,11 @@ def decode_mask(png: bytes) -> ImageArray:
     width, height = struct.unpack_from(">II", png, len(PNG_HEAD))
     if width * height > MAX_MASK_PX:
         raise ValueError(f"claims to have more than {MAX_MASK_PX} pixels")
-    # OpenCV would make room for 2 GB before it notices that a chunk claims to be longer than what is left.
     plain = plain_png(png)
-    if plain is None:
-        raise ValueError("is a damaged image")
-    try:
-        mask = cv2.imdecode(np.frombuffer(plain, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        mask = None
+    mask = decode_png(plain) if plain is not None else None
     if mask is None:
         raise ValueError("is a damaged image")
-    if mask.ndim != 2 or not np.issubdtype(mask.dtype, np.integer) or mask.max() > np.iinfo(np.uint8).max:
+    if mask.ndim != 2 or mask.max() > np.iinfo(np.uint8).max:
         raise ValueError("is no mask: 8-bit grey is expected")
     return mask.astype(np.uint8)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +24,6 @@ LABELS: tuple[Label | None, ...] = (None, "wall", "floor", "ceiling", "slanted")
 """By the release's numbers; None is what it says to ignore."""
 MAX_BYTES = 1 << 28
 """Unpacked; a million triangles take a quarter of it."""
-DAMAGED = (ValueError, TypeError, AttributeError, EOFError, RuntimeError, MemoryError, zipfile.BadZipFile, zlib.error)
-"""What zipfile and NumPy raise when a file is cut off, garbled, encrypted, or claims to hold more than there is."""
 WINDOW_FLAG, DOOR_FLAG = 1, 2
 """Doors and windows are not separate there: their triangles belong to the wall they lie in."""
 
@@ -79,7 +76,7 @@ def read_room_structure(path: Path) -> RoomStructure:
         raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
     except KeyError as error:
         raise GtlayoutError(f"{path} has no part {error}: it is no {FILE_NAME} of CAD-Estate") from error
-    except DAMAGED as error:
+    except Exception as error:  # zipfile, NumPy and the parser of Python that it asks raise what they raise.
         raise GtlayoutError(f"{path} is damaged or no {FILE_NAME}: {' '.join(str(error).split())}") from error
     if flags.ndim == 2:
         flags = np.bitwise_or.reduce(flags, axis=1)

@@ -118,7 +118,7 @@ def _other_size(camera: Lens) -> float | None:
     have another shape.
     """
     x, y = _centre_shares(camera)
-    return float((x + y) / 2) if min(x, y) > 0 and abs(x / y - 1) <= SAME_SHARE else None
+    return float((x + y) / 2) if min(x, y) > 0 and abs(x - y) <= SAME_SHARE * y else None
 
 
 def _of_another_size(camera: Lens, ratio: float | None) -> str:

@@ -17,7 +17,7 @@ from PIL import Image
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.pixels.heif import SUFFIXES as HEIF_SUFFIXES
 from gtlayout.io.pixels.heif import decode_heif, is_heif
-from gtlayout.io.pixels.png import SIGNATURE, plain_png
+from gtlayout.io.pixels.png import SIGNATURE, decode_png, plain_png
 from gtlayout.io.pixels.turn import read_header
 from gtlayout.limits import IMAGE_MP
 from gtlayout.scene import Frame, ImageArray
@@ -95,25 +95,39 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
         content = path.read_bytes()
     except OSError as error:
         raise GtlayoutError(f"cannot read image {path}: {error.strerror or error}") from error
-    IMAGE_MP.check(_claimed_px(content) / 1e6, f"cannot read image {path}")
-    if content.startswith(SIGNATURE):
+    is_png = content.startswith(SIGNATURE)
+    if is_png:
         content = plain_png(content) or b""
+    IMAGE_MP.check(_claimed_px(content) / 1e6, f"cannot read image {path}")
     data = np.frombuffer(content, dtype=np.uint8)
     if is_heif(data[:12].tobytes()) or path.suffix.lower() in HEIF_SUFFIXES:
-        bgr = decode_heif(path, data.tobytes())
-        return cv2.cvtColor(bgr, FROM_BGR[mode]) if mode in FROM_BGR else bgr
-    if mode != cv2.IMREAD_UNCHANGED:
-        mode |= cv2.IMREAD_IGNORE_ORIENTATION
+        return _in_mode(decode_heif(path, data.tobytes()), mode)
     try:
-        image = cv2.imdecode(data, mode) if len(data) else None
+        image = decode_png(content) if is_png else _opencv(data, mode)
     except cv2.error:
         image = None
     if image is None:
         raise GtlayoutError(f"cannot read image {path}: damaged, or not an image")
+    if is_png:
+        return _in_mode(image, mode)
     if data[:4].tobytes() in TIFF and (header := read_header(path)):
         # OpenCV turns these, whatever it is asked for.
         return header.turn.inverse.image(image)
     return image
+
+
+def _opencv(data: ImageArray, mode: int) -> npt.NDArray[Any] | None:
+    ignores = cv2.IMREAD_IGNORE_ORIENTATION if mode != cv2.IMREAD_UNCHANGED else 0
+    return cv2.imdecode(data, mode | ignores) if len(data) else None
+
+
+def _in_mode(stored: npt.NDArray[Any], mode: int) -> npt.NDArray[Any]:
+    """What OpenCV makes of grey or BGR pixels in one of its modes."""
+    if mode == cv2.IMREAD_UNCHANGED:
+        return stored
+    as_bytes = (stored >> 8).astype(np.uint8) if stored.dtype == np.uint16 else stored
+    bgr = cv2.cvtColor(as_bytes, cv2.COLOR_GRAY2BGR) if as_bytes.ndim == 2 else as_bytes
+    return cv2.cvtColor(bgr, FROM_BGR[mode]) if mode in FROM_BGR else bgr
 
 
 def _claimed_px(content: bytes) -> int:

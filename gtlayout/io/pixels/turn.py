@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,9 @@ from PIL import Image
 from PIL.ExifTags import Base as Tag
 
 from gtlayout.scene import Camera, FloatArray
+
+# What is odd about a file is said by whoever reads it; Pillow would print lines of its own.
+logging.getLogger("PIL").addHandler(logging.NullHandler())
 
 T = TypeVar("T", bound=np.generic)
 

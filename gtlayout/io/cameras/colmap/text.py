@@ -70,7 +70,7 @@ def _cameras(file: Path) -> dict[int, Lens | GtlayoutError]:
             continue  # Without a number no image can mean it.
         try:
             width, height, *params = int(words[2]), int(words[3]), *map(float, words[4:])
-            if len(params) != len(PARAMETERS.get(words[1], ())) or min(width, height) < 0:
+            if words[1] not in PARAMETERS or len(params) != len(PARAMETERS[words[1]]) or min(width, height) < 0:
                 raise ValueError
             found[int(words[0])] = Lens(words[1], width, height, tuple(params))
         except (ValueError, IndexError, TypeError, OverflowError):
