@@ -34,8 +34,8 @@ PLAIN_LOOP = Path(__file__).parent / "common/plain_loop.py"
 VICTIMS = ("client", "worker", "nanny", "scheduler")
 MEMORY = "1.5GiB"
 """Of a worker with its scene; what eats memory is to reach it soon."""
-END_S = 600.0
-"""A run that takes longer to end, once nothing disturbs it any more, hangs."""
+END_S = 3600.0
+"""A run of a thousand scenes that takes longer to end, once nothing disturbs it any more, hangs."""
 
 Positive = Annotated[int, Parameter(validator=Number(gte=1))]
 app = new_app("batch", __doc__)
@@ -125,12 +125,14 @@ def kills(
     out: Path,
     count: Positive = 20,
     within: Annotated[float, Parameter(validator=Number(gt=0))] = 15.0,
+    every: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    timeout: Positive = 600,
     seed: int = 0,
 ) -> int:
     """Kill client, workers, their nannies or the scheduler at random moments, and compare with an undisturbed run.
 
     Whatever is gone is started again, as is the same command until it is done; then the set is begun anew, until there
-    were enough kills. Exit status 1 when results differ or anything is left.
+    were enough kills. Exit status 1 when results differ, a broken scene is not recorded as such, or anything is left.
 
     Parameters
     ----------
@@ -142,22 +144,30 @@ def kills(
         Kills.
     within
         Each comes at most so many seconds after the command was started, or after the one before.
+    every
+        One scene in so many is broken first, as in trial; 0 = none.
+    timeout
+        Seconds for a scene.
     seed
         Of victims and moments.
     """
     scenes = find_scenes([root], out)
-    undisturbed, logs = new_folders(out, "undisturbed", "dask")
+    undisturbed, logs, data = new_folders(out, "undisturbed", "dask", "data")
+    broken = make_data_set(scenes, data, every) if every else {}
+    root = data if every else root
     done: list[Kill] = []
     wrong: list[str] = []
     rng = random.Random(seed)
     victims = [victim for _ in range(0, count, len(VICTIMS)) for victim in rng.sample(VICTIMS, len(VICTIMS))][:count]
     with dask_processes(logs, 2, environment()) as dask:
-        with batch(root, undisturbed, ["--scheduler", dask.address], log := out / "undisturbed.log") as command:
+        options = ["--scheduler", dask.address, "--timeout", str(timeout)]
+        with batch(root, undisturbed, options, log := out / "undisturbed.log") as command:
             status = finish(command, log)
         wrong += [] if status in (0, 3) else [f"undisturbed: exit status {status}"]
+        wrong += wrongly_recorded(scenes, broken, read_run(undisturbed).records)
         while len(done) < count and not wrong:
             run = out / f"disturbed-{len(done)}"
-            done += disturb(dask, root, run, scenes, victims[len(done) :], within, rng)
+            done += disturb(dask, root, run, options, victims[len(done) :], within, rng)
             wrong += [f"{run.name}: {line}" for line in differences(undisturbed, run, scenes)]
             left = left_behind(MARK, str(os.getpid()), orphans_only=True)
             wrong += [f"{run.name}: process {pid} is left" for pid in left]
@@ -173,7 +183,7 @@ def disturb(
     dask: DaskProcesses,
     root: Path,
     run: Path,
-    scenes: Mapping[str, Path],
+    options: Sequence[str],
     victims: Sequence[str],
     within_s: float,
     rng: random.Random,
@@ -186,7 +196,7 @@ def disturb(
     log = run.with_suffix(".log")
     while True:
         dask.restore()
-        with batch(root, run, ["--scheduler", dask.address], log) as command:
+        with batch(root, run, options, log) as command:
             start = time.monotonic()
             while len(done) < len(victims) and not ended(command, rng.uniform(0, within_s)):
                 victim = victims[len(done)]

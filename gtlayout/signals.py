@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from types import FrameType, ModuleType
@@ -50,6 +51,27 @@ def ending(error: KeyboardInterrupt) -> tuple[str, int]:
     """In a word why a command ended, and its exit status."""
     number = signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT
     return _ENDINGS[number], 128 + number
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """What is done within is done whole: Ctrl-C, SIGTERM and a time limit take effect afterwards. For moments only."""
+    if threading.current_thread() is not threading.main_thread():  # which alone is interrupted
+        yield
+        return
+    came: list[int] = []
+    before = {number: signal.getsignal(number) for number in (*_ENDINGS, signal.SIGALRM)}
+    # What Python does not know (a handler in C), or what ends the process by itself, stays.
+    ours = {number: handler for number, handler in before.items() if callable(handler)}
+    for number in ours:
+        signal.signal(number, lambda number, _frame: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in ours.items():
+            signal.signal(number, handler)
+        for late in dict.fromkeys(came):
+            signal.raise_signal(late)
 
 
 def keep_sigterm() -> None:

@@ -7,10 +7,9 @@ import json
 import math
 import os
 import re
-import tempfile
 import unicodedata
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,8 @@ import numpy as np
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.archives import read_bytes
+from gtlayout.io.scratch import held, scratch
+from gtlayout.signals import deferred
 
 MAX_NAME_BYTES, MAX_PATH_BYTES = 240, 1024
 """Of a file's name and of its path in the scene folder, so that with extension and folder a file system takes them."""
@@ -36,36 +37,45 @@ def write_atomic(path: Path, content: bytes | str) -> None:
     write_all_atomic({path: content})
 
 
-def write_all_atomic(contents: dict[Path, bytes | str]) -> None:
+def write_all_atomic(contents: Mapping[Path, bytes | str], remove: Iterable[Path] = ()) -> None:
     """Write several files, in order: all are complete beside their places before the first takes its own.
 
-    A link stays, and what it leads to is written. Devices and pipes are written to, not replaced.
+    A link stays, and what it leads to is written. Devices and pipes are written to, not replaced. Of two that write
+    the same files at once one comes after the other. What a killed process left beside these places is overwritten.
+
+    Args:
+        contents: File → what it is to hold, text as UTF-8.
+        remove: Files that would not belong to the new ones; gone before the first of these takes its place.
 
     Raises GtlayoutError when a folder or the disk does not take one of them; all files are then as they were.
     """
     as_bytes = {path: content.encode() if isinstance(content, str) else content for path, content in contents.items()}
     places = {path: Path(os.path.realpath(path)) for path in contents if not _takes_a_stream(path)}
-    temporaries = {path: place.with_name(f".{place.name}.{os.getpid()}.tmp") for path, place in places.items()}
+    temporaries: dict[Path, Path] = {}
     path, made = Path(), list[Path]()
     try:
-        for path, temporary in temporaries.items():
-            made += _make(temporary.parent)
-            if path.is_dir():
-                raise GtlayoutError(f"cannot write {path}: a folder is in its place")
-            temporary.write_bytes(as_bytes[path])
-        for path in [path for path in contents if path not in places]:
-            path.write_bytes(as_bytes[path])
-        for path, temporary in temporaries.items():
-            temporary.replace(places[path])
+        with ExitStack() as stack:
+            stack.callback(_remove_empty, made)
+            for path, place in places.items():
+                made += _make(place.parent)
+                if path.is_dir():
+                    raise GtlayoutError(f"cannot write {path}: a folder is in its place")
+            folders = sorted({place.parent for place in places.values()})
+            alone = all(stack.enter_context(held(folder)) for folder in folders)
+            stack.callback(_unlink, temporaries.values())
+            for path, place in places.items():
+                temporaries[path] = _temporary(place, alone)
+                _unlink([temporaries[path]])
+                with temporaries[path].open("xb") as file:  # never through a link that somebody put there
+                    file.write(as_bytes[path])
+            for path in [path for path in contents if path not in places]:
+                path.write_bytes(as_bytes[path])
+            with deferred():
+                _unlink([*remove, *(_temporary(each, alone) for each in remove)])
+                for path, temporary in temporaries.items():
+                    temporary.replace(places[path])
     except OSError as error:
         raise GtlayoutError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        for temporary in temporaries.values():
-            with suppress(OSError):
-                temporary.unlink()
-        for folder in reversed(made):
-            with suppress(OSError):  # what holds something stays
-                folder.rmdir()
 
 
 def _make(folder: Path) -> list[Path]:
@@ -73,6 +83,24 @@ def _make(folder: Path) -> list[Path]:
     missing = [each for each in (folder, *folder.parents) if not each.exists()][::-1]
     folder.mkdir(parents=True, exist_ok=True)
     return missing
+
+
+def _remove_empty(folders: Iterable[Path]) -> None:
+    """Those that hold nothing, the innermost, which are the last, first."""
+    for folder in reversed([*folders]):
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _temporary(place: Path, alone: bool) -> Path:
+    """Beside its place: always the same one for whoever holds the folder."""
+    return place.with_name(f".{place.name}.tmp" if alone else f".{place.name}.{os.getpid()}.tmp")
+
+
+def _unlink(paths: Iterable[Path]) -> None:
+    for path in paths:
+        with suppress(OSError):
+            path.unlink()
 
 
 def _takes_a_stream(path: Path) -> bool:
@@ -97,6 +125,8 @@ def let_in() -> Iterator[None]:
 def new_folder(out: Path) -> Iterator[Path]:
     """Fill a folder: the one given is called like ``out`` and takes its place in the end, unless something was raised.
 
+    What a killed process left of one beside ``out`` is removed.
+
     Raises GtlayoutError when ``out`` is there already and not an empty folder, or the disk does not take it.
     """
     taken = GtlayoutError(f"{out} exists and is not an empty folder: name a new one")
@@ -106,13 +136,11 @@ def new_folder(out: Path) -> Iterator[Path]:
     filled = out
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as beside:
-            filled = Path(beside) / out.name  # the name may mean something: CAD-Estate calls the clip so
+        with scratch(out.parent, out.name) as beside:
+            filled = beside / out.name  # the name may mean something: CAD-Estate calls the clip so
             filled.mkdir()
             yield filled
-            if out.exists():
-                out.rmdir()
-            filled.rename(out)
+            filled.rename(out)  # also in place of an empty folder
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # somebody else was quicker
             raise taken from error

@@ -39,6 +39,7 @@ from gtlayout.scene import Scene
 from gtlayout.solution import Solution
 from gtlayout.version import __version__
 
+_OPTIONAL = (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE, REVIEW_FILE, EVIDENCE_FILE)
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
 
 
@@ -80,11 +81,9 @@ def write_results(
             out_dir / "config.json": json_text({"versions": package_versions(), "config": asdict(config)}),
             # Last, because its presence means that the scene is solved.
             out_dir / "layout.json": json_text(_layout(scene, layout, quality, config)),
-        }
+        },
+        remove=[out_dir / stale for stale in _OPTIONAL if out_dir / stale not in optional],
     )
-    for stale in (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE, REVIEW_FILE, EVIDENCE_FILE):
-        if out_dir / stale not in optional:
-            (out_dir / stale).unlink(missing_ok=True)
 
 
 @cache

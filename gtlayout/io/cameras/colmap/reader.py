@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,9 +12,10 @@ from gtlayout.io.cameras.colmap.binary import check_lengths
 from gtlayout.io.cameras.colmap.text import ModelImage, read_images
 from gtlayout.io.cameras.lenses import check_lens
 from gtlayout.io.cameras.poses import rigid
-from gtlayout.io.files import path_inside
+from gtlayout.io.files import path_inside, write_all_atomic
 from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.lens import Lens, pycolmap_for
+from gtlayout.io.scratch import scratch
 from gtlayout.io.sources import PosedImage, PosedImages, Reader, usable
 from gtlayout.scene import Frame
 
@@ -127,10 +127,9 @@ def write_colmap(model: Path, frames: Sequence[Frame], *, binary: bool = False) 
         reconstruction.add_image_with_trivial_frame(image, cam_from_world)
     try:
         model.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=model, prefix=".tmp") as temporary:
-            (reconstruction.write_binary if binary else reconstruction.write_text)(temporary)
-            for part in sorted(Path(temporary).iterdir()):
-                part.replace(model / part.name)
+        with scratch(model, "model") as temporary:
+            (reconstruction.write_binary if binary else reconstruction.write_text)(str(temporary))
+            write_all_atomic({model / part.name: part.read_bytes() for part in sorted(temporary.iterdir())})
     except OSError as error:
         raise GtlayoutError(f"cannot write {model}: {error.strerror or error}") from error
 
