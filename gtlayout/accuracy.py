@@ -34,6 +34,25 @@ class Accuracy:
     """The level that it is held against."""
 
 
+@dataclass(frozen=True)
+class Flatness:
+    """How far a surface bends, and whether DIN 18202, table 3, permits it. World unit; NaN = not known."""
+
+    deviation: float
+    """Of the surface, amid the measuring distance, from the straight line between its ends; positive where it bulges
+    into the room."""
+    sigma: float
+    distance: float
+    """The measuring distance: as far as tracks cover the surface, in the direction in which it is most certainly
+    off."""
+    limit_m: float
+    """What is permitted over that distance, metres."""
+    line: int
+    """Of the table: 3 for floors, 6 for walls and ceilings; finished ones, without higher demands."""
+    status: Status
+    """Whether it bends less, more, or nobody can tell."""
+
+
 def level_of(error_95_m: float) -> int:
     """The finest level that holds an error at 95 %, metres; 0 for none, and for NaN."""
     return next((level for level, end in UPPER_ENDS_M.items() if error_95_m <= end), 0)

@@ -9,6 +9,7 @@ from gtlayout.correspondence.config import CorrespondenceConfig
 from gtlayout.edges import EdgeConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.extent.config import ExtentConfig
+from gtlayout.flatness.config import FlatnessConfig
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.quality.config import QualityConfig
 from gtlayout.regrouping.config import RegroupingConfig
@@ -40,6 +41,7 @@ class Config:
     regrouping: RegroupingConfig = field(default_factory=RegroupingConfig)
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
+    flatness: FlatnessConfig = field(default_factory=FlatnessConfig)
     seed: int = 0
     """Seed of all random numbers. The same seed gives the same bytes on one kind of processor."""
     refine_cameras: bool = True
