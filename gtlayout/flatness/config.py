@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class FlatnessConfig:
-    """After stage 4. Lengths are shares of the depth. The numbers were chosen on 29 synthetic rooms of even surfaces,
+    """After stage 4. Lengths are shares of the depth. The numbers were chosen on 38 synthetic rooms of even surfaces,
     none of which is called uneven with them.
     """
 
@@ -29,7 +29,7 @@ class FlatnessConfig:
     """… and this one in common with those of other key frames there: they are on the same texture."""
     sigma_shared: float = 0.01
     """σ of what the place and the tilt of all tracks of a key frame are off by, …"""
-    sigma_shared_bend: float = 0.005
+    sigma_shared_bend: float = 0.004
     """… and of how far they are bent."""
     freedom: float = 3.0
     """Degrees of freedom of the Student t distribution of all errors."""

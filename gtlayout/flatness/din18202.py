@@ -27,8 +27,9 @@ LIMITS_MM = {
 the same with higher demands."""
 _LINES: dict[Label, int] = {"floor": 3}
 _OTHER_LINE = 6
-_SIGMAS_OF_FOUR = 2.5
-"""So many σ hold, on both sides, all of four normal variables with 95 %: a surface is measured in four directions."""
+_SIGMAS_OUT = 3.0
+"""A surface is out when it is off by more than is permitted and so many σ, in any of four directions. With normal
+errors that would be wrong once in a hundred surfaces."""
 
 
 def limit_m(line: int, distance_m: float) -> float:
@@ -42,8 +43,8 @@ def flatness_of(
     """Of each instance how flat it is; None for doors and windows, of which nothing is asked.
 
     Each is given in the direction in which it is most certainly off, as a share of what is permitted. It is *out* when
-    it is off by more than is permitted in any direction, with the errors of all of them; *within* when it is not, by
-    1.96 σ, in any; else the evidence is insufficient, as it is in a scene without a unit.
+    it is off by more than is permitted and 3 σ in any direction; *within* when it is not, by 1.96 σ, in any; else the
+    evidence is insufficient, as it is in a scene without a unit.
     """
     pairs = zip(instances, bends, strict=True)
     return tuple(
@@ -57,7 +58,7 @@ def _flatness(bends: Sequence[Bend], line: int, metric: bool) -> Flatness:
         return Flatness(np.nan, np.nan, np.nan, np.nan, line, "insufficient evidence")
     deviation, sigma, distance = np.array([[one.deviation, one.sigma, one.distance] for one in bends]).T
     limits = np.array([limit_m(line, each) for each in distance]) if metric else distance
-    least = (np.abs(deviation) - _SIGMAS_OF_FOUR * sigma) / limits
+    least = (np.abs(deviation) - _SIGMAS_OUT * sigma) / limits
     worst = int(np.argmax(least))
     status: Status = "insufficient evidence"
     if metric and least.max() > 1:
