@@ -70,7 +70,7 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
 
 
 def by_neighbours(room: SolvedRoom, index: int) -> bool:
-    """Whether only contacts with its neighbours tell the place of an instance; of a door or window, of its wall, too."""
+    """Whether only contacts with neighbours tell the place of an instance; of a door or window, of its wall, too."""
     host, support = room.instances[index].host, room.planes[index].support
     return support.tracks == 0 and (support.contact_edges > 0 if host is None else by_neighbours(room, host))
 
