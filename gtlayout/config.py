@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gtlayout.accuracy import UPPER_ENDS_M
+from gtlayout.closing_config import ClosingConfig
 from gtlayout.correspondence.config import CorrespondenceConfig
 from gtlayout.curved.config import CurvedConfig
 from gtlayout.edges import EdgeConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.extent.config import ExtentConfig
+from gtlayout.flatness.config import FlatnessConfig
 from gtlayout.planes.config import EstimationConfig
 from gtlayout.quality.config import QualityConfig
 from gtlayout.regrouping.config import RegroupingConfig
@@ -42,6 +44,8 @@ class Config:
     curved: CurvedConfig = field(default_factory=CurvedConfig)
     extent: ExtentConfig = field(default_factory=ExtentConfig)
     quality: QualityConfig = field(default_factory=QualityConfig)
+    flatness: FlatnessConfig = field(default_factory=FlatnessConfig)
+    closing: ClosingConfig = field(default_factory=ClosingConfig)
     seed: int = 0
     """Seed of all random numbers. The same seed gives the same bytes on one kind of processor."""
     refine_cameras: bool = True

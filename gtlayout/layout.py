@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gtlayout.accuracy import Accuracy
+from gtlayout.accuracy import Accuracy, Flatness
 from gtlayout.colors import LABEL_COLORS
 from gtlayout.cylinder import Cylinder
 from gtlayout.geometry.raster import LabelImage
@@ -40,6 +40,8 @@ class Layout:
     """Heights and widths of the room, and what doors and windows measure."""
     accuracies: tuple[Accuracy, ...] = ()
     """Of each instance, over its whole extent; empty where nobody asked for them."""
+    flatness: tuple[Flatness | None, ...] = ()
+    """Of each instance; None for doors and windows. Empty where nobody asked."""
     quantities: tuple[Quantity, ...] = ()
     """Areas and volumes."""
     scale: Scale | None = None

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gtlayout.camera_errors.find import find_camera_errors
@@ -22,6 +23,8 @@ from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.dimensions.take import take_dimensions
 from gtlayout.edges import ContactEdge, contact_edges
 from gtlayout.extent.extents import compute_extents
+from gtlayout.flatness.bends import bends
+from gtlayout.flatness.din18202 import flatness_of
 from gtlayout.geometry.depth import with_sigma_depth
 from gtlayout.geometry.strip import StripFrame, strip_of
 from gtlayout.instances import Extent, Instance
@@ -89,6 +92,7 @@ def solve_with_memory(
         prepared, first = regrouped(prepare(scene, config, stage, memory), config, stage)
         run = partial(_run, prepared, first, config, stage)
         solution = best_of(run, range(config.restarts) if restarts is None else restarts)
+        solution = _with_flatness(prepared, solution, config, stage)
     return Solved(prepared, solution)
 
 
@@ -235,6 +239,24 @@ def lay_out(
     )
 
 
+def _with_flatness(prepared: Prepared, solution: Solution, config: Config, stage: Stages) -> Solution:
+    local, layout = prepared.form.similarity, solution.layout
+    with stage("flatness"):
+        planes = local.planes(np.array([[*plane.normal, plane.d] for plane in layout.planes]))
+        found = bends(
+            prepared.scene,
+            prepared.instances,
+            planes,
+            prepared.tracks,
+            prepared.rays,
+            prepared.track_instance,
+            config.flatness,
+        )
+        found = tuple(tuple(one.scaled(1 / local.scale) for one in of_one) for of_one in found)
+    flatness = flatness_of(layout.instances, found, layout.metric)
+    return replace(solution, bends=found, layout=replace(layout, flatness=flatness))
+
+
 def with_measurements(solution: Solution, stage: Stages | None = None) -> Solution:
     """The solution with what was measured in the room by hand, and with the σ of its scale: see ``gtlayout.measured``.
 
@@ -249,11 +271,14 @@ def with_measurements(solution: Solution, stage: Stages | None = None) -> Soluti
         strips = {i: strip.moved(fused.scale.factor) for i, strip in on.items()}
         found = Found(layout.instances, solution.edges, fused.estimate, strips)
         layout, quality = _laid_out(fused.scene, found, solution.config, stage)
+        in_metres = tuple(tuple(one.scaled(fused.scale.factor) for one in of_one) for of_one in solution.bends)
         solution = replace(
             solution,
             scene=fused.scene,
+            bends=in_metres,
             layout=replace(
                 layout,
+                flatness=flatness_of(layout.instances, in_metres, layout.metric) if in_metres else (),
                 dimensions=as_measured(layout.instances, layout.dimensions, fused.checked, solution.config.loa),
                 scale=fused.scale,
                 measurements=fused.checked,

@@ -55,7 +55,10 @@ class Observer:
         """Result of stage 6."""
 
     def quality(self, layout: Layout, quality: Quality) -> None:
-        """Result of stage 7; the last call."""
+        """Result of stage 7; the last call of a solve."""
+
+    def inferred(self, layout: Layout) -> None:
+        """What closes the room, after the solve; called only when that was asked for."""
 
     def solved(self, layout: Layout, quality: Quality, estimate: Estimate) -> None:
         """Stages 4 to 7 of the run that is kept, one call each."""

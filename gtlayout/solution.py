@@ -12,6 +12,7 @@ from gtlayout.camera_errors.findings import CameraDoubt
 from gtlayout.config import Config
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
+from gtlayout.flatness.bends import Bend
 from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage
 from gtlayout.instances import Instance, Plane
@@ -49,6 +50,8 @@ class Solution:
     """The result of refining the cameras; None without ``refine_cameras``."""
     config: Config = field(default_factory=Config)
     """The configuration of the solve."""
+    bends: tuple[tuple[Bend, ...], ...] = ()
+    """Of each instance how far its tracks bend, in each direction that they cover; empty after a quick solve."""
 
     def __repr__(self) -> str:
         headline = self.quality.headline

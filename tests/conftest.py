@@ -11,7 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
+from gtlayout.config import Config
 from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_folder import load_scene
+from gtlayout.method import solve
+from gtlayout.solution import Solution
 from gtlayout.synth import SynthConfig, synthesize
 
 pytest_plugins = ("annotate_server", "browser", "serving", "web_viewer")
@@ -76,3 +80,9 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synthetic") / "room"
     synthesize(folder, SynthConfig(frames=24, width=320, height=240))
     return folder
+
+
+@pytest.fixture(scope="session")
+def room_solution(room: Path) -> Solution:
+    """The small synthetic room, solved with its cameras as they are."""
+    return solve(load_scene(room), Config(refine_cameras=False))

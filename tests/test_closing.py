@@ -15,7 +15,11 @@ from solved_rooms import solved
 import gtlayout
 from gtlayout.cli.app import main
 from gtlayout.closing.close import close
+from gtlayout.closing_config import ClosingConfig
 from gtlayout.export import export_layout
+from gtlayout.export.floor_plan import floor_plan
+from gtlayout.export.plan_drawing import draw
+from gtlayout.export.plan_shapes import STYLES
 from gtlayout.geometry.render import render
 from gtlayout.solution import Solution
 
@@ -84,6 +88,37 @@ def test_a_corner_is_closed_where_two_walls_meet_unseen() -> None:
     assert whole[whole[:, 0] > 3.99, 2].min() == pytest.approx(0.0, abs=1e-3)
 
 
+def low_front() -> Solution:
+    """The box room with a run of cupboards 90 cm high along the right wall, to beside the cameras."""
+    front = rooms.Surface("wall", rooms.rectangle([3.4, 2.0, 0.0], 0.9 * rooms.Z / rooms.HEIGHT_M, 0.6 * rooms.Y))
+    cameras = [rooms.level_camera([x, 1.0, 1.6], focal=200.0, width=320, height=240) for x in (1.2, 1.7, 2.2)]
+    return solved(cameras, [], (*SEEN, front))
+
+
+def test_a_low_front_is_furniture_and_the_wall_behind_it_goes_on() -> None:
+    front = 5
+    layout = close(low_front()).layout
+    assert layout.extents[front].region.area > 1.0
+    assert layout.inferred[front].region.is_empty
+    right = layout.extents[RIGHT].region.union(layout.inferred[RIGHT].region)
+    # As without the front: from the cameras at y = 1 to the far wall, from the floor to the ceiling.
+    assert right.area == pytest.approx(4 * 2.5, rel=0.01)
+    floor = layout.extents[FLOOR].region.union(layout.inferred[FLOOR].region)
+    assert floor.area == pytest.approx(4 * 4, rel=0.01)
+
+
+def test_a_wall_is_low_only_where_frames_show_what_is_above_it() -> None:
+    """By these settings no wall is low, and the front goes on up and to abreast of the cameras."""
+    front = 5
+    solution = low_front()
+    tall = close(solution, replace(solution.config.closing, low_share=1.0))
+    extent = tall.layout.extents[front]
+    added = extent.frame.to_world(shapely.get_coordinates(tall.layout.inferred[front].region))
+    assert added[:, 2].max() == pytest.approx(2.5, abs=0.01)
+    assert added[:, 1].min() == pytest.approx(1.0, abs=0.02)
+    assert tall.config.closing.low_share == 1.0
+
+
 def test_walls_out_of_square_end_where_they_are_seen() -> None:
     """Where no wall is square to another, nothing tells that one goes on."""
     skew = rooms.rectangle([0, 0, 0], rooms.Y - 0.2 * rooms.X, rooms.Z)
@@ -116,6 +151,11 @@ def test_files_hold_a_layer_of_their_own_and_no_figure_counts_it(room: Path, tmp
     for row in (row for data in files for row in data["instances"]):
         row["extent"].pop("inferred")
     assert files[0] == files[1]
+    # The mesh of what was seen is the same; only a comment says that there is more.
+    plys = [(tmp_path / name / "layout.ply").read_bytes() for name in ("open", "closed")]
+    assert plys[1].replace(b"comment inferred: not in this file\n", b"") == plys[0] != plys[1]
+    kept = json.loads((tmp_path / "closed" / "config.json").read_text())["config"]["closing"]
+    assert kept == asdict(ClosingConfig())
 
     (scene, before), (_, after) = (gtlayout.load_solved(room, tmp_path / name) for name in ("open", "closed"))
     assert before.inferred == ()
@@ -134,6 +174,15 @@ def test_files_hold_a_layer_of_their_own_and_no_figure_counts_it(room: Path, tmp
     assert "usemtl inferred" in (tmp_path / "room.obj").read_text()
     assert "newmtl inferred" in (tmp_path / "room.mtl").read_text()
     assert 'def Mesh "inferred_floor_0"' in (tmp_path / "room.usda").read_text()
+    export_layout(tmp_path / "room.ifc", scene, after, "ifc")
+    assert "'floor_0 inferred'" in (tmp_path / "room.ifc").read_text()
+    guessed = [line for line in draw(floor_plan(scene, after)).lines if line.layer == "inferred"]
+    assert guessed
+    assert STYLES["inferred"].dashes_mm
+    assert not [line for line in draw(floor_plan(scene, before)).lines if line.layer == "inferred"]
+    export_layout(tmp_path / "room.csv", scene, after, "csv")
+    (row,) = [line for line in (tmp_path / "room.csv").read_text().splitlines() if line.startswith("inferred,floor_0")]
+    assert row == f"inferred,floor_0,{area},m²,,,,inferred"
 
     assert main(["solve", str(room), "--close", "--out", str(tmp_path / "cli")]) == 0
     written = (tmp_path / "cli" / "layout.json").read_bytes()

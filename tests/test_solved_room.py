@@ -16,8 +16,10 @@ from gtlayout.dimensions.areas import quantities
 from gtlayout.dimensions.next_measurement import TAPE_SIGMA_M
 from gtlayout.dimensions.openings import opening_dimensions
 from gtlayout.dimensions.solved_room import SIGMA_DRAWN_PX, SolvedRoom
-from gtlayout.dimensions.take import all_dimensions, surface_accuracy, take_dimensions
-from gtlayout.instances import Plane
+from gtlayout.dimensions.take import all_dimensions, by_neighbours, surface_accuracy, take_dimensions
+from gtlayout.instances import Plane, Support
+from gtlayout.measured.fuse import as_measured
+from gtlayout.measurement import Checked, Measurement
 from gtlayout.scene import FloatArray, KeyFrame
 
 CAMERA = rooms.level_camera([2.0, 1.0, 1.25], focal=400.0, width=640, height=480)
@@ -216,6 +218,34 @@ def test_what_to_measure_next_brings_most_to_the_level() -> None:
     assert (following.within, following.reached, following.of) == (2, 3, 3)
     covariance[11, 11] = TAPE_SIGMA_M**2
     assert take_dimensions(room, covariance, 20).next_measurement is None, "all are known well enough"
+
+
+def test_what_no_track_shows_is_inferred_until_it_is_measured() -> None:
+    """The right wall of the width (3) only touches others; the far one (4) has tracks, too."""
+    room = room_of(rooms.BOX)
+    touched, tracked = Support(tracks=0, contact_edges=4), Support(tracks=9, contact_edges=4)
+    planes = [replace(plane, support=touched if i == 3 else tracked) for i, plane in enumerate(room.planes)]
+    room = replace(room, planes=planes)
+    taken = take_dimensions(room, offsets(6, 0.001), 20)
+    status = {(one.first, one.second): one.accuracy.status for one in taken.dimensions if one.accuracy}
+    assert status == {(0, 1): "within", (2, 3): "inferred", (4, 5): "within"}
+    assert [one.accuracy.level for one in taken.dimensions if one.accuracy] == [40, 40, 40]
+    by_hand = Measurement("between", ("wall_2", "wall_3"), 4.0, 0.003)
+    for used, expected in ((True, "within"), (False, "inferred")):
+        checked = Checked(by_hand, 4.0, 0.003, used)
+        after = as_measured(room.instances, taken.dimensions, [checked], 20)
+        assert [one.accuracy.status for one in after if one.accuracy] == ["within", expected, "within"]
+
+
+def test_a_door_is_where_its_wall_is() -> None:
+    """Its own plane has no track; that of the wall it lies in has some, or none."""
+    door = replace(rooms.FAR, label="door", host=4)
+    surfaces = (*rooms.BOX[:5], door)
+    for tracks, expected in ((9, False), (0, True)):
+        room = room_of(surfaces)
+        wall = replace(room.planes[4], support=Support(tracks=tracks, contact_edges=2))
+        room = replace(room, planes=[*room.planes[:4], wall, room.planes[5]])
+        assert by_neighbours(room, 5) is expected
 
 
 def test_without_a_unit_nothing_has_a_level_and_the_best_known_length_is_proposed() -> None:

@@ -13,6 +13,7 @@ from playwright.sync_api import Page
 from rerun.chunk import Chunk, RrdReader
 from web_viewer import web_viewer
 
+from gtlayout.closing.close import close
 from gtlayout.colors import instance_colors, sigma_colors
 from gtlayout.config import Config
 from gtlayout.io.scene_folder import load_scene
@@ -37,7 +38,8 @@ Log = dict[str, list[Chunk]]
 def logged(room: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Solution, Path, Log]:
     path = tmp_path_factory.mktemp("log") / "log.rrd"
     with rerun_observer("save", path, Observer()) as observer:
-        solution = solve(load_scene(room), Config(), observer)
+        solution = close(solve(load_scene(room), Config(), observer))
+        observer.inferred(solution.layout)
         assert not path.exists(), "a log appears when it is whole"
     chunks: Log = defaultdict(list)
     for chunk in RrdReader(path).stream():
@@ -63,6 +65,17 @@ def test_every_key_frame_has_annotation_edges_and_rendering(logged: tuple[Soluti
     for name in ("rgb", "amodal", "visible", "occlusion_edges", "contact_edges", "annotated", "rendered", "differs"):
         assert _times(log[f"/key_frame/{name}"], "frame") == key_frames, name
     assert _times(log["/quality/iou"], "frame") == key_frames
+
+
+def test_what_closes_the_room_is_an_entity_of_its_own(logged: tuple[Solution, Path, Log]) -> None:
+    solution, _, log = logged
+    inferred = {
+        f"/world/inferred/inferred_{instance.name}"
+        for instance, extent in zip(solution.instances, solution.layout.inferred, strict=True)
+        if not extent.region.is_empty
+    }
+    assert inferred
+    assert {entity for entity in log if entity.startswith("/world/inferred/")} == inferred
 
 
 def test_every_instance_has_its_surfaces(logged: tuple[Solution, Path, Log]) -> None:

@@ -118,6 +118,7 @@ def solve(
             if close:
                 observer.stage("closing")
                 solution = close_room(solution)
+                observer.inferred(solution.layout)
             observer.stage("review")
             findings = review_drawings(solution)
         save(solution, out_dir, findings)

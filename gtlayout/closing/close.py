@@ -8,13 +8,13 @@ import numpy as np
 import shapely
 from shapely import MultiPolygon
 
-from gtlayout.closing.config import ClosingConfig
 from gtlayout.closing.contradicted import contradicted
 from gtlayout.closing.covering import covering
 from gtlayout.closing.free_space import sights
 from gtlayout.closing.plan import Plan
 from gtlayout.closing.standing import standing
 from gtlayout.closing.storey import Storey
+from gtlayout.closing_config import ClosingConfig
 from gtlayout.errors import GtlayoutError
 from gtlayout.export.floor_level import floor_frame
 from gtlayout.geometry.depth import median_depth
@@ -30,8 +30,11 @@ def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
     It is a layer of its own, apart from the extents. Nothing else of the solution changes: quality, dimensions and mesh
     are those of what was seen. Doors, windows and curved walls are not continued. Where nothing tells which
     way is up, the room is not closed, and the scene's warnings say so.
+
+    ``config`` is that of the solution's own when not given; the solution keeps it.
     """
-    config = config or ClosingConfig()
+    config = config or solution.config.closing
+    solution = replace(solution, config=replace(solution.config, closing=config))
     scene, layout, extent_config = solution.scene, solution.layout, solution.config.extent
     shown = tuple(
         i
@@ -49,7 +52,13 @@ def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
     eyes = np.mean([frame.camera.center_world for frame in scene.frames], axis=0)
     seen = sights(scene, plan, layout, shown, max_depth, config.gap * depth, extent_config)
     height = float((eyes - plan.frame.origin) @ plan.up)
-    storey = Storey.of(layout, plan, shown, seen, height, depth, grid, config)
+    against = {
+        i: contradicted(
+            scene, layout.instances, layout.planes, i, layout.extents[i].frame, max_depth, extent_config, config
+        )
+        for i in shown
+    }
+    storey = Storey.of(layout, plan, shown, seen, against, height, depth, grid, config)
     levels = {i: storey.level(i) for i in (*storey.floors, *storey.uppers)}
     covered = {i: covering(storey, level, i) for i, level in levels.items()}
     whole = {i: plan.onto(layout.planes[i], layout.extents[i].frame, region) for i, region in covered.items()}
@@ -58,10 +67,7 @@ def close(solution: Solution, config: ClosingConfig | None = None) -> Solution:
     for i, extent in enumerate(layout.extents):
         region = MultiPolygon()
         if i in whole:
-            against = contradicted(
-                scene, layout.instances, layout.planes, i, extent.frame, max_depth, extent_config, config
-            )
-            taken = shapely.union_all([extent.region, against])
+            taken = shapely.union_all([extent.region, against[i]])
             region = _wide(shapely.difference(whole[i], taken, grid_size=grid), config.min_width * depth)
         inferred.append(Extent(extent.frame, region, region))
     return replace(solution, layout=replace(layout, inferred=tuple(inferred)))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.closing.config import ClosingConfig
+from gtlayout.closing_config import ClosingConfig
 from gtlayout.extent.config import ExtentConfig
 from gtlayout.extent.consensus import lift, own_members
 from gtlayout.geometry.plane_image import inverse_depth

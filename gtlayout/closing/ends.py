@@ -10,8 +10,8 @@ import shapely
 from shapely import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from gtlayout.closing.config import ClosingConfig
 from gtlayout.closing.walls import End, Wall, passes
+from gtlayout.closing_config import ClosingConfig
 from gtlayout.scene import FloatArray
 
 

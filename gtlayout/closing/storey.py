@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon
+from shapely.geometry.base import BaseGeometry
 
-from gtlayout.closing.config import ClosingConfig
 from gtlayout.closing.ends import with_ends
 from gtlayout.closing.free_space import Sight, free_space, inner
+from gtlayout.closing.low_walls import low_walls
 from gtlayout.closing.plan import Plan
 from gtlayout.closing.rooms import rooms
 from gtlayout.closing.walls import Wall, spans_of, stands, wall_of
+from gtlayout.closing_config import ClosingConfig
 from gtlayout.instances import Plane
 from gtlayout.layout import Layout
 
@@ -38,7 +41,7 @@ class Storey:
     uppers: tuple[int, ...]
     """Ceilings and slanted surfaces."""
     walls: dict[int, Wall]
-    """At the height of the cameras, with the corners that nobody saw."""
+    """At the height of the cameras, with the corners that nobody saw; without low ones, which bound no room."""
     sights: tuple[Sight, ...]
     same: float
     """Nearer than this is the same place, world unit."""
@@ -54,12 +57,16 @@ class Storey:
         plan: Plan,
         shown: tuple[int, ...],
         sights: tuple[Sight, ...],
+        against: Mapping[int, BaseGeometry],
         eyes_height: float,
         depth: float,
         grid: float,
         config: ClosingConfig,
     ) -> Storey:
-        """Of the instances ``shown``, seen from a height over the plan, at a median ``depth``."""
+        """Of the instances ``shown``, seen from a height over the plan, at a median ``depth``.
+
+        ``against`` is the part of each one's plane, in its frame, where a key frame shows something else.
+        """
         tilt = {i: float(layout.planes[i].normal @ plan.up) for i in shown}
         label = {i: layout.instances[i].label for i in shown}
         upright = np.sin(np.deg2rad(config.max_tilt_deg))
@@ -74,6 +81,8 @@ class Storey:
                 rings = [ring for sight in sights if sight.index == i for ring in sight.rings]
                 if rings:
                     walls[i] = replace(bare, spans=spans_of(bare, rings, 2 * same))
+        low = low_walls(layout, plan, walls, against, eyes_height, depth, config)
+        walls = {i: wall for i, wall in walls.items() if i not in low}
         free = inner(free_space(sights, walls, grid), same)
         walls = with_ends(walls, free, [sight.eye for sight in sights], same, config)
         corners = np.concatenate([plan.frame.to_plane(_corners(layout, i)) for i in shown])

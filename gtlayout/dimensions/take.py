@@ -43,7 +43,8 @@ def all_dimensions(room: SolvedRoom) -> list[Taken]:
 def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -> Dimensions:
     """Every length, area and volume of a room, and how accurate they and the surfaces are.
 
-    Levels of accuracy need metres: where the unit of a scene is not known, the evidence for them is insufficient.
+    Levels of accuracy need metres: where the unit of a scene is not known, the evidence for them is insufficient. A
+    length to a surface that only its neighbours place is *inferred*.
 
     Args:
         covariance: (4S, 4S) joint covariance of all planes in the world, about their anchor.
@@ -54,7 +55,8 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
     dimensions = []
     for dimension, measured in taken:
         sigma = measured.sigma(covariance)
-        accuracy = accuracy_of(sigma if metric else np.nan, wanted_loa)
+        inferred = any(by_neighbours(room, i) for i in (dimension.first, dimension.second))
+        accuracy = accuracy_of(sigma if metric else np.nan, wanted_loa, inferred=inferred)
         dimensions.append(replace(dimension, sigma=sigma, accuracy=accuracy))
     amounts = [
         replace(one, sigma=measured.sigma(covariance))
@@ -66,6 +68,12 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
     ]
     following = next_measurement(taken, covariance, wanted_loa, metric)
     return Dimensions(tuple(dimensions), tuple(amounts), tuple(surfaces), following)
+
+
+def by_neighbours(room: SolvedRoom, index: int) -> bool:
+    """Whether only contacts with neighbours tell the place of an instance; of a door or window, of its wall, too."""
+    host, support = room.instances[index].host, room.planes[index].support
+    return support.tracks == 0 and (support.contact_edges > 0 if host is None else by_neighbours(room, host))
 
 
 def surface_accuracy(plane: Plane, extent: Extent, wanted_loa: int) -> Accuracy:

@@ -1,4 +1,4 @@
-"""PLY: one mesh, a colour per face by label, σ per vertex."""
+"""PLY: one mesh of what was seen, a colour per face by label, σ per vertex."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ def write(path: Path, _scene: Scene, layout: Layout) -> None:
 
 
 def ply_bytes(layout: Layout) -> bytes:
-    """The mesh as binary PLY."""
+    """The mesh as binary PLY. One mesh cannot keep apart what is inferred: that is left out, and a comment says so."""
     from trimesh.exchange.ply import export_ply
 
     content = bytes(export_ply(as_trimesh(layout), encoding="binary"))
     # Comments stand after the line that names the format (Turk, The PLY Polygon File Format); trimesh writes none.
     magic, format_line, rest = content.split(b"\n", 2)
-    return b"\n".join([magic, format_line, f"comment unit: {unit(layout.metric)}".encode(), rest])
+    comments = [f"comment unit: {unit(layout.metric)}".encode()]
+    if layout.inferred:
+        comments.append(b"comment inferred: not in this file")
+    return b"\n".join([magic, format_line, *comments, rest])

@@ -20,8 +20,9 @@ _Row = tuple[str | float | int, ...]
 def write(path: Path, _scene: Scene, layout: Layout) -> None:
     """Write the table, RFC 4180 with a head. Values are in the unit that the row names, σ and the error at 95 % too.
 
-    Surfaces have their error at 95 % and the area that was seen; empty = not known. Raises GtlayoutError when the disk
-    does not take it.
+    Surfaces have their error at 95 % and the area that was seen; flatness is how far they bulge into the room; inferred
+    is the area that closes it where nobody looked. Empty = not known. Raises GtlayoutError when the disk does not take
+    it.
     """
     text = io.StringIO(newline="")
     table = csv.writer(text)
@@ -38,6 +39,12 @@ def _rows(layout: Layout) -> list[_Row]:
     for name, extent, accuracy in zip(names, layout.extents, accuracies, strict=True):
         error, *level = _accuracy(accuracy)
         rows.append(("surface", name, extent.region.area, f"{length}²", math.nan, error, *level))
+    for name, flat in zip(names, layout.flatness or (None,) * len(names), strict=True):
+        if flat is not None:
+            rows.append(("flatness", name, flat.deviation, length, flat.sigma, SIGMAS_95 * flat.sigma, "", flat.status))
+    for name, extent in zip(names, layout.inferred, strict=False):
+        if not extent.region.is_empty:
+            rows.append(("inferred", name, extent.region.area, f"{length}²", math.nan, math.nan, "", "inferred"))
     for one in layout.dimensions:
         of = names[one.first] if one.first == one.second else f"{names[one.first]} – {names[one.second]}"
         rows.append((one.kind, of, one.length, length, one.sigma, SIGMAS_95 * one.sigma, *_accuracy(one.accuracy)[1:]))

@@ -12,7 +12,7 @@ import types
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from textwrap import dedent
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import Annotated, Any, Literal, NotRequired, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 Schema = dict[str, Any]
 
@@ -78,15 +78,19 @@ def _object(kind: Any) -> Schema:
     descriptions = _field_docstrings(kind)
     # A dataclass says by its default that a number may be unknown.
     unknown = {each.name for each in fields(kind) if _is_nan(each.default)} if is_dataclass(kind) else set()
-    properties = {}
+    properties, required = {}, []
     for name, hint in get_type_hints(kind, include_extras=True).items():
+        if get_origin(hint) is NotRequired:
+            (hint,) = get_args(hint)  # noqa: PLW2901
+        else:
+            required.append(name)
         schema = _marked(hint, OrNull()) if name in unknown else schema_of(hint)
         properties[name] = ({"description": descriptions[name]} if name in descriptions else {}) | schema
     return {
         "description": inspect.cleandoc(kind.__doc__).replace("\n", " "),
         "type": "object",
         "properties": properties,
-        "required": list(properties),
+        "required": required,
         "additionalProperties": False,
     }
 

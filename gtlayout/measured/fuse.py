@@ -61,8 +61,10 @@ def as_measured(
 ) -> tuple[Dimension, ...]:
     """The dimensions of a room, where those of doors and windows that were measured are what the measurement says.
 
-    No plane follows from them alone: their ends are drawn, and stay where they were drawn.
+    No plane follows from them alone: their ends are drawn, and stay where they were drawn. What a hand has measured to
+    is no longer inferred.
     """
+    by_hand = {name for one in checked if one.used for name in one.measurement.instances}
     known: dict[tuple[str, str], Checked] = {
         (one.measurement.kind, one.measurement.instances[0]): one
         for one in checked
@@ -77,9 +79,15 @@ def as_measured(
             length = (by_tape * one.measurement.value + by_video * one.predicted) / (by_tape + by_video)
             sigma = float((by_tape + by_video) ** -0.5)
             found.append(replace(dimension, length=length, sigma=sigma, accuracy=accuracy_of(sigma, wanted_loa)))
+        elif by_hand & {instances[i].name for i in (dimension.first, dimension.second)} and _is_inferred(dimension):
+            found.append(replace(dimension, accuracy=accuracy_of(dimension.sigma, wanted_loa)))
         else:
             found.append(dimension)
     return tuple(found)
+
+
+def _is_inferred(dimension: Dimension) -> bool:
+    return dimension.accuracy is not None and dimension.accuracy.status == "inferred"
 
 
 def _contradiction(one: Checked) -> str:

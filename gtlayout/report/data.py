@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from gtlayout.colors import instance_colors, sigma_full
 from gtlayout.errors import GtlayoutError
 from gtlayout.export import unit
@@ -91,6 +93,7 @@ def report_data(
         "findings": None if findings is None else _folded(findings),
         "instances": _instances(layout, quality, colors),
         "dimensions": [*_dimensions(layout), *_quantities(layout)],
+        "flatness": _flatness(layout),
         "wanted_loa": next((one.wanted for one in layout.accuracies), None) if layout.metric else None,
         "measured": measurement_lines(layout),
         "to_measure": _to_measure(layout),
@@ -190,6 +193,23 @@ def _quantities(layout: Layout) -> list[dict[str, Any]]:
             "least": not one.closed,
         }
         for one in shown_quantities(layout)
+    ]
+
+
+def _flatness(layout: Layout) -> list[dict[str, Any]]:
+    """Of surfaces with tracks enough; nothing in a scene without a unit."""
+    return [
+        {
+            "of": instance.name,
+            "deviation_mm": 1000 * flat.deviation,
+            "sigma_mm": 1000 * flat.sigma,
+            "distance_m": flat.distance,
+            "limit_mm": 1000 * flat.limit_m,
+            "line": flat.line,
+            "status": flat.status,
+        }
+        for instance, flat in zip(layout.instances, layout.flatness, strict=False)
+        if flat is not None and np.isfinite([flat.deviation, flat.limit_m]).all()
     ]
 
 

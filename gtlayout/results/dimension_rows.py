@@ -7,7 +7,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from gtlayout.accuracy import UPPER_ENDS_M, Accuracy, Status
+from gtlayout.accuracy import UPPER_ENDS_M, Accuracy, Flatness, Status
 from gtlayout.instances import Dimension, DimensionKind, NextMeasurement, Quantity, QuantityKind
 from gtlayout.io.numbers import MOST, real, reals, whole
 from gtlayout.layout import Layout
@@ -15,6 +15,7 @@ from gtlayout.measurement import Checked, MeasuredKind, Measurement, Scale
 from gtlayout.results.layout_format import (
     AccuracyRow,
     DimensionRow,
+    FlatnessRow,
     MeasurementRow,
     NextMeasurementRow,
     QuantityRow,
@@ -31,6 +32,20 @@ def accuracy_row(accuracy: Accuracy | None) -> AccuracyRow | None:
         "level": accuracy.level,
         "status": accuracy.status,
         "wanted": accuracy.wanted,
+    }
+
+
+def flatness_row(flatness: Flatness | None) -> FlatnessRow | None:
+    """How flat one surface is; None for doors and windows, and where nobody asked."""
+    if flatness is None:
+        return None
+    return {
+        "deviation": flatness.deviation,
+        "sigma": flatness.sigma,
+        "distance": flatness.distance,
+        "limit_m": flatness.limit_m,
+        "line": flatness.line,
+        "status": flatness.status,
     }
 
 
@@ -112,6 +127,20 @@ def read_accuracy(row: dict[str, Any] | None) -> Accuracy | None:
     level = _one_of(row["level"], (0, *UPPER_ENDS_M), "level of accuracy")
     wanted = _one_of(row["wanted"], tuple(UPPER_ENDS_M), "level of accuracy")
     return Accuracy(read_sigma(row["error_95_m"]), level, _one_of(row["status"], get_args(Status), "status"), wanted)
+
+
+def read_flatness(row: dict[str, Any] | None) -> Flatness | None:
+    """The inverse of ``flatness_row``. Raises KeyError, TypeError or ValueError when the row is damaged."""
+    if row is None:
+        return None
+    return Flatness(
+        real(row["deviation"], unknown=True),
+        read_sigma(row["sigma"]),
+        real(row["distance"], unknown=True),
+        real(row["limit_m"], unknown=True),
+        whole(row["line"]),
+        _one_of(row["status"], get_args(Status), "status"),
+    )
 
 
 def read_dimension(row: dict[str, Any], names: Sequence[str]) -> Dimension:

@@ -22,6 +22,7 @@ from gtlayout.results.cylinder_rows import cylinder_row
 from gtlayout.results.dimension_rows import (
     accuracy_row,
     dimension_rows,
+    flatness_row,
     measurement_rows,
     next_row,
     quantity_rows,
@@ -132,6 +133,7 @@ def _layout(scene: Scene, layout: Layout, quality: Quality, config: Config) -> L
                     "inferred": extent.frame.rings_to_world(inferred[number].region) if inferred else None,
                 },
                 "accuracy": accuracy_row(layout.accuracies[number] if layout.accuracies else None),
+                "flatness": flatness_row(layout.flatness[number] if layout.flatness else None),
                 "iou": judged.iou,
                 "verdict": judged.verdict,
                 "reason": judged.reason,
@@ -175,6 +177,11 @@ def solution_record(solution: Solution, findings: Sequence[Finding], out_dir: Pa
         "unit": "m" if layout.metric else "scene unit",
         "dimensions": dimension_rows(layout),
         "quantities": quantity_rows(layout),
+        "flatness": {
+            instance.name: flatness_row(flat)
+            for instance, flat in zip(layout.instances, layout.flatness, strict=False)
+            if flat is not None
+        },
         "scale": scale_row(layout),
         "measurements": measurement_rows(layout),
         "next_measurement": next_row(layout),

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, Literal, NotRequired, TypedDict
 
 from gtlayout.accuracy import Status
 from gtlayout.instances import DimensionKind, QuantityKind, Support
@@ -70,6 +70,24 @@ class AccuracyRow(TypedDict):
     """As accurate as asked, less, not known, or never seen."""
     wanted: int
     """The level that was asked for."""
+
+
+class FlatnessRow(TypedDict):
+    """How far a surface bends, and whether DIN 18202, table 3, permits it."""
+
+    deviation: NumberOrNull
+    """Amid the measuring distance, from the straight line between its ends, world unit; positive where it bulges into
+    the room; null where too few tracks cover it."""
+    sigma: NumberOrNull
+    """World unit."""
+    distance: NumberOrNull
+    """The measuring distance: as far as tracks cover the surface, world unit."""
+    limit_m: NumberOrNull
+    """What is permitted over that distance, metres; null without a unit."""
+    line: int
+    """Of the table: 3 for floors, 6 for walls and ceilings."""
+    status: Status
+    """Less than permitted, more, or not known."""
 
 
 class NextMeasurementRow(TypedDict):
@@ -153,6 +171,8 @@ class InstanceRow(TypedDict):
     extent: ExtentRow
     accuracy: AccuracyRow | None
     """Of its surface, over the whole extent; null where nobody asked."""
+    flatness: NotRequired[FlatnessRow | None]
+    """Null for doors and windows, and where nobody asked. Absent from files of earlier versions."""
     iou: NumberOrNull
     """Mean reprojection IoU over the key frames that show it."""
     verdict: Verdict

@@ -10,7 +10,7 @@ from typing import Any, get_args
 import numpy as np
 from shapely import MultiPolygon
 
-from gtlayout.accuracy import Accuracy
+from gtlayout.accuracy import Accuracy, Flatness
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import EvidenceKind, Extent, Instance, Mesh, Plane, PlaneFrame, Support
 from gtlayout.io.files import let_in, read_json
@@ -20,6 +20,7 @@ from gtlayout.results.cylinder_rows import read_strip
 from gtlayout.results.dimension_rows import (
     read_accuracy,
     read_dimension,
+    read_flatness,
     read_measurement,
     read_next,
     read_quantity,
@@ -78,6 +79,7 @@ def read_layout(out_dir: Path, scene: Scene) -> Layout:
             metric,
             dimensions=tuple(read_dimension(row, names) for row in data["dimensions"]),
             accuracies=_read_accuracies(data["instances"]),
+            flatness=_read_flatness(data["instances"]),
             quantities=tuple(read_quantity(row, names) for row in data["quantities"]),
             scale=read_scale(data["scale"]),
             measurements=tuple(read_measurement(row) for row in data["measurements"]),
@@ -153,6 +155,12 @@ def _read_accuracies(rows: Sequence[dict[str, Any]]) -> tuple[Accuracy, ...]:
     """Of all instances; empty where nobody asked."""
     found = [accuracy for row in rows if (accuracy := read_accuracy(row["accuracy"])) is not None]
     return tuple(found) if len(found) == len(rows) else ()
+
+
+def _read_flatness(rows: Sequence[dict[str, Any]]) -> tuple[Flatness | None, ...]:
+    """Of all instances; empty where nobody asked."""
+    found = tuple(read_flatness(row.get("flatness")) for row in rows)
+    return found if any(one is not None for one in found) else ()
 
 
 def _frame(row: dict[str, Any]) -> PlaneFrame:

@@ -10,7 +10,7 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from gtlayout.accuracy import Accuracy
+from gtlayout.accuracy import Accuracy, Flatness
 from gtlayout.evaluation.evaluate import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
 from gtlayout.instances import Dimension, DimensionKind, Quantity
@@ -55,7 +55,8 @@ def reasons(layout: Layout, quality: Quality) -> list[str]:
 
 
 def dimensions(layout: Layout) -> list[str]:
-    """Heights, widths, radii, areas and volumes of the room with σ, and what doors and windows measure: one line each.
+    """Heights, widths, radii, areas and volumes of the room with σ, what doors and windows measure, which surfaces are
+    not flat: one line each.
 
     Of each kind the most certain first; of walls only all together. Lengths in metres have their level of accuracy.
     """
@@ -74,7 +75,27 @@ def dimensions(layout: Layout) -> list[str]:
             f"{amount.kind} {quantity_of(layout, amount)}: "
             f"{with_sigma(amount.amount, amount.sigma, 2, unit + power)}{least}"
         )
-    return lines
+    return [*lines, *flatness_lines(layout)]
+
+
+def flatness_lines(layout: Layout) -> list[str]:
+    """The surfaces that are not flat, one line each."""
+    flatness = layout.flatness or (None,) * len(layout.instances)
+    return [
+        f"flatness {instance.name}: {flatness_text(flat)}"
+        for instance, flat in zip(layout.instances, flatness, strict=True)
+        if flat is not None and flat.status == "out"
+    ]
+
+
+def flatness_text(flat: Flatness) -> str:
+    """How far a surface bends, over which distance, and what is permitted; metres."""
+    way = "bulges into the room" if flat.deviation > 0 else "bulges out of the room"
+    return (
+        f"{way} by {figure(1000 * abs(flat.deviation), 0)} ± {figure(1000 * flat.sigma, 0)} mm over "
+        f"{figure(flat.distance, 1)} m ({flat.status}: DIN 18202, table 3, line {flat.line} permits "
+        f"{figure(1000 * flat.limit_m, 0)} mm)"
+    )
 
 
 def shown_quantities(layout: Layout) -> list[Quantity]:

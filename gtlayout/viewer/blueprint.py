@@ -73,7 +73,7 @@ def blueprint(scene: Scene, room_world: FloatArray | None = None) -> rrb.Bluepri
             ),
             tab(
                 "Room",
-                room("Mesh", "camera", "mesh"),
+                room("Mesh (grey: inferred)", "camera", "mesh", "inferred"),
                 rrb.Vertical(video("Video and tracks", "points", "tails"), table()),
             ),
             tab(

@@ -14,6 +14,7 @@ import rerun as rr
 from gtlayout.colors import LABEL_COLORS, instance_colors
 from gtlayout.edges import ContactEdge
 from gtlayout.errors import GtlayoutError
+from gtlayout.export.inferred import INFERRED_COLOR, INFERRED_OPACITY, inferred_parts
 from gtlayout.geometry.raster import annotated_labels, rings_of
 from gtlayout.geometry.render import render
 from gtlayout.instances import Extent, Instance, Mesh
@@ -207,6 +208,12 @@ class RerunObserver(Observer):
                 self._recording.log(f"world/mesh/{instance.name}", shown, static=True)
         if len(mesh.vertices):
             self._recording.send_blueprint(blueprint(self._scene, mesh.vertices))
+
+    def inferred(self, layout: Layout) -> None:
+        """One grey, translucent mesh per instance of which something is inferred."""
+        grey = np.array(INFERRED_COLOR, dtype=np.uint8)
+        for name, vertices, faces in inferred_parts(layout):
+            self._recording.log(f"world/inferred/{name}", mesh_of(vertices, faces, grey, INFERRED_OPACITY), static=True)
 
     def quality(self, layout: Layout, quality: Quality) -> None:
         """Rendering against annotation, instances coloured by their uncertainty, the table of instances."""

@@ -31,6 +31,11 @@ class ClosingConfig:
     max_hidden_share: float = 0.25
     """… unless another may stand in its way: over more than this share of its distance from the camera nobody looked
     where the other would stand."""
+    over_low: float = 0.1
+    """Of the median depth: a wall that is lower than the cameras is low when over this height above it, …"""
+    low_share: float = 0.5
+    """… in more than this share, key frames show that there is no wall. It stands in a room like furniture: it is not
+    continued, and the room goes on behind it."""
     least_seen: float = 0.05
     """A room has a floor or a ceiling whose seen part is at least this share of it, …"""
     least_contact: float = 0.8
