@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +29,7 @@ def compute_extents(
     contact_offsets: ContactOffsets | None = None,
     known: Mapping[int, Extent] | None = None,
     drawn_before: Mapping[int, Extent] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
@@ -37,7 +38,8 @@ def compute_extents(
 
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
     planes get empty regions. An extent ends where the depth is unknown. Those that are ``known``, by the index of their
-    instance, stay; ``drawn_before`` are only refined again.
+    instance, stay; ``drawn_before`` are only refined again. ``progress`` is called with (surfaces done, surfaces in
+    all): each is first cut out, then refined.
     """
     known, drawn_before = known or {}, drawn_before or {}
     depth = median_depth(scene, instances, planes)
@@ -45,7 +47,10 @@ def compute_extents(
     frames = [plane_frame(plane, scene) for plane in planes]
     sought = [i for i in range(len(instances)) if i not in known]
     unrefined = dict(drawn_before)
-    for i in (i for i in sought if i not in drawn_before):
+    cut = [i for i in sought if i not in drawn_before]
+    steps = len(cut) + len(sought)
+    progress(0, steps)
+    for done, i in enumerate(cut, start=1):
         region = MultiPolygon()
         if planes[i].observable:
             faces = faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config)
@@ -53,15 +58,17 @@ def compute_extents(
         cameras = [scene.frame_of(k).camera for k, _ in instances[i].members]
         known_of_it = ended(region, planes[i], frames[i], cameras, grid, config)
         unrefined[i] = Extent(frames[i], known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
+        progress(done, steps)
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     shifts = shifts_on_planes(scene, planes, frames, edges, contact_offsets or {})
     found = dict(known)
-    for i in sought:
+    for done, i in enumerate(sought, start=len(cut) + 1):
         neighbours = [
             Neighbour(planes[j], contact, shifts.get((i, j), 0.0)) for (k, j), contact in touching.items() if k == i
         ]
         region = tidy(refine(unrefined[i].unrefined, frames[i], neighbours, grid, config), grid, config)
         found[i] = replace(unrefined[i], region=region)
+        progress(done, steps)
     return tuple(found[i] for i in range(len(instances)))
 
 
