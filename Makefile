@@ -43,7 +43,7 @@ fuzz: $(VENV)/.installed-dev
 
 # The pictures of README and docs. They need Debian's chromium.
 pictures: $(VENV)/.installed-dev
-	for script in strip report annotate; do $(BIN)/python docs/$${script}_pictures.py || exit 1; done
+	for script in strip report drawing viewer annotate; do $(BIN)/python docs/$${script}_pictures.py || exit 1; done
 
 # The interpreter is checked by name so that an old one gets a sentence, not pip's traceback.
 $(BIN)/pip:

@@ -14,14 +14,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import Page, expect
 
 from gtlayout.io.files import read_json
 from gtlayout.scene import LABELS
+from pictures import PAGES, ROOM, chromium
 
-ROOT = Path(__file__).parents[1]
-ROOM = ROOT / "examples/room"
-PICTURES = ROOT / "docs/pages/annotate"
+PICTURES = PAGES / "annotate"
 FIRST, SECOND, THIRD = "000008.jpg", "000016.jpg", "000024.jpg"
 PATIENCE_MS = 300_000.0
 
@@ -30,10 +29,9 @@ def main() -> None:
     """Write all pictures."""
     drawings = {frame["image"]: frame for frame in read_json(ROOM / "annotations.json")["frames"]}
     PICTURES.mkdir(exist_ok=True)
-    with TemporaryDirectory() as folder, sync_playwright() as playwright:
+    with TemporaryDirectory() as folder, chromium() as browser:
         room = Path(folder) / "room"
         shutil.copytree(ROOM, room, ignore=shutil.ignore_patterns("annotations.json", "gtlayout"))
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1280, "height": 860})
         page.set_default_timeout(PATIENCE_MS)
         with served(room) as address:
@@ -67,7 +65,6 @@ def main() -> None:
             picture(page, "proposed")
             page.set_viewport_size({"width": 820, "height": 1180})
             picture(page, "tablet")
-        browser.close()
 
 
 @contextmanager
@@ -107,7 +104,7 @@ def place(page: Page, point: list[float]) -> tuple[float, float]:
 def picture(page: Page, name: str) -> None:
     """What the page shows, once images are there."""
     page.wait_for_timeout(1500)
-    page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=80)
+    page.screenshot(path=PICTURES / f"{name}.jpg", type="jpeg", quality=65)
 
 
 if __name__ == "__main__":

@@ -10,14 +10,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Page
 
-from gtlayout.cli.app import main as gtlayout
 from gtlayout.io.files import read_json, write_json_atomic
+from pictures import PAGES, ROOM, chromium, run
 
-ROOT = Path(__file__).parents[1]
-ROOM = ROOT / "examples/room"
-PICTURES = ROOT / "docs/pages/report"
+PICTURES = PAGES / "report"
 WRONG = "000016.jpg"
 """The key frame in which the floor is drawn too low."""
 MOVED_PX = 14.0
@@ -27,17 +25,14 @@ SAME_CORNER_PX = 4.0
 def main() -> None:
     """Write all pictures."""
     PICTURES.mkdir(exist_ok=True)
-    with TemporaryDirectory() as folder, sync_playwright() as playwright:
+    with TemporaryDirectory() as folder, chromium() as browser:
         room = Path(folder) / "room"
         shutil.copytree(ROOM, room, ignore=shutil.ignore_patterns("gtlayout"))
         drawings = read_json(room / "annotations.json")
         move_floor(next(frame for frame in drawings["frames"] if frame["image"] == WRONG))
         write_json_atomic(room / "annotations.json", drawings)
-        for command in (["solve", str(room)], ["report", str(room)]):
-            if gtlayout(command) != 0:
-                raise SystemExit(f"{' '.join(command)} failed")
-        flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=flags)
+        run("solve", room)
+        run("report", room)
         page = browser.new_page(viewport={"width": 1000, "height": 900})
         page.goto((room / "gtlayout/report.html").as_uri())
         page.wait_for_selector("#room-view[data-drawn]")
@@ -51,7 +46,6 @@ def main() -> None:
         page.emulate_media(media="print")
         page.set_viewport_size({"width": 695, "height": 2000})
         picture(page, "main", "paper")
-        browser.close()
 
 
 def move_floor(frame: dict[str, Any]) -> None:

@@ -110,9 +110,11 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None, memory: M
     scene = form.scene
     with stage("tracking"):
         tracks = track(scene, config.tracking, config.seed, stage.observer.progress, memory=memory)
-        features = VideoFeatures.of(scene, config.features, memory=memory)
+        features = VideoFeatures.of(scene, config.features, memory=memory, progress=stage.observer.progress)
     with stage("cameras"):
+        stage.observer.progress(0, 3)
         evidence = camera_evidence(scene, features, tracks, config.tracking.sigma_px, config.image_matches, memory)
+        stage.observer.progress(1, 3)
         looked_at = _views(scene), evidence.judges, config.camera_errors, config.triangulation, config.seed
         doubt = memory.of(
             "camera errors",
@@ -121,6 +123,7 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None, memory: M
                 find_camera_errors, scene, evidence.judges, config.camera_errors, config.triangulation, config.seed
             ),
         )
+        stage.observer.progress(2, 3)
         wrong = camera_error_lines(scene, doubt)
         given = scene = doubt.correct(scene)
         if config.refine_cameras:
@@ -133,9 +136,12 @@ def prepare(scene: Scene, config: Config, stage: Stages | None = None, memory: M
                 frames = zip(scene.frames, poses, strict=True)
                 scene = replace(scene, frames=tuple(replace(frame, camera=camera) for frame, camera in frames))
             cameras = replace(cameras, shift=cameras.shift / form.similarity.scale)
+        stage.observer.progress(3, 3)
     with stage("tracking"):
         # Features are matched along epipolar lines, which wrong cameras put elsewhere.
-        tracks = with_wide_baselines(scene, tracks, features, config.tracking, config.wide_baseline, memory)
+        tracks = with_wide_baselines(
+            scene, tracks, features, config.tracking, config.wide_baseline, memory, stage.observer.progress
+        )
         rays = memory.of(
             "depths",
             (_views(scene), tracks, config.triangulation),
@@ -200,8 +206,9 @@ def solve_planes(prepared: Prepared, config: Config, stage: Stages | None = None
 
     Raises ``GtlayoutError`` when no plane at all can be determined.
     """
-    with (stage or Stages())("estimation"):
-        return estimate(prepared.flat, config.estimation, config.seed + restart)
+    stage = stage or Stages()
+    with stage("estimation"):
+        return estimate(prepared.flat, config.estimation, config.seed + restart, progress=stage.observer.progress)
 
 
 def lay_out(
@@ -324,11 +331,12 @@ def _laid_out(
             known,
             drawn_before,
             found.strips,
+            stage.observer.progress,
         )
     with stage("mesh"):
         mesh = build_mesh(instances, extents)
     with stage("quality"):
-        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality)
+        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality, stage.observer.progress)
         room = SolvedRoom(scene, instances, planes, extents)
         measured = take_dimensions(room, found.estimate.covariance, config.loa)
     layout = Layout(

@@ -168,21 +168,43 @@ def test_a_user_s_mypy_sees_the_types(tmp_path: Path) -> None:
     assert (ROOT / "gtlayout/py.typed").exists()
 
 
-class _BlasThreads(Observer):
-    """Notes how many threads BLAS has in each stage."""
+class _Watching(Observer):
+    """Notes how many threads BLAS has in each stage, and how each moves on."""
 
     def __init__(self) -> None:
-        self.seen: set[int] = set()
+        self.blas_threads: set[int] = set()
+        self.steps: list[tuple[str, list[tuple[int, int]]]] = []
 
     def stage(self, name: str) -> None:
-        self.seen |= {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+        self.blas_threads |= {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+        self.steps.append((name, []))
+
+    def progress(self, done: int, total: int) -> None:
+        self.steps[-1][1].append((done, total))
 
 
-def test_a_solve_takes_one_thread_of_blas_for_the_same_bytes_on_every_machine(room: Path) -> None:
-    observer = _BlasThreads()
+@pytest.fixture(scope="module")
+def watched(room: Path) -> tuple[_Watching, _Watching]:
+    """What was seen during a solve, and after it."""
+    observer, after = _Watching(), _Watching()
     with threadpool_limits(limits=2, user_api="blas"):
         gtlayout.solve(gtlayout.load(room), observer=observer)
-        after = _BlasThreads()
         after.stage("after")
-    assert observer.seen == {1}
-    assert after.seen == {2}
+    return observer, after
+
+
+def test_a_solve_takes_one_thread_of_blas_for_the_same_bytes_on_every_machine(
+    watched: tuple[_Watching, _Watching],
+) -> None:
+    observer, after = watched
+    assert observer.blas_threads == {1}
+    assert after.blas_threads == {2}
+
+
+def test_every_stage_that_takes_long_moves_and_ends(watched: tuple[_Watching, _Watching]) -> None:
+    moving = [(name, steps) for name, steps in watched[0].steps if steps]
+    assert {name for name, _ in moving} >= {"tracking", "cameras", "estimation", "extents", "quality"}
+    for name, steps in moving:
+        assert len(set(steps)) > 2, name
+        assert all(0 <= done <= total for done, total in steps), name
+        assert steps[-1][0] == steps[-1][1], name

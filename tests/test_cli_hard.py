@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import shutil
@@ -11,6 +12,7 @@ import sys
 import time
 import zlib
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +117,20 @@ def test_every_command_shows_an_example(capsys: pytest.CaptureFixture[str]) -> N
     order = [printed.index(f" {name} ") for name in ("import", "annotate", "check", "solve", "report", "export")]
     assert order == sorted(order)
     assert "--install-completion" in printed
+
+
+@pytest.mark.parametrize(
+    "module", ["annotate", "batch", "export", "import_", "measure", "propose", "review", "serve", "synth"]
+)
+def test_help_of_a_command_that_is_loaded_late_is_whole(module: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = inspect.getdoc(getattr(import_module(f"gtlayout.cli.{module}"), module))
+    assert said is not None
+    assert main([module.rstrip("_"), "--help"]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    *paragraphs, _ = said.partition("Parameters\n")[0].split("\n\n")
+    assert paragraphs
+    for paragraph in paragraphs:
+        assert " ".join(paragraph.replace("`", "").split()) in printed
 
 
 # --- what is printed

@@ -40,6 +40,8 @@ LOADED = {
     "embed": "src",
 }
 """What a browser loads by itself."""
+MAX_PICTURES_BYTES = 1_600_000
+"""Of all pictures of the site."""
 
 
 class Page(HTMLParser):
@@ -115,6 +117,25 @@ def test_nothing_is_loaded_from_elsewhere(site: Path, pages: dict[Path, Page]) -
     assert styles
     assert not elsewhere
     assert not imported
+
+
+def test_pictures_are_small_shown_and_made_by_a_script(pages: dict[Path, Page], site: Path) -> None:
+    pictures = sorted(path for end in ("jpg", "png") for path in PAGES.rglob(f"*.{end}"))
+    shown = {(path.parent / unquote(url)).resolve() for path, page in pages.items() for url in page.loaded}
+    scripts = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*_pictures.py"))
+    made_by_hand = ["label_studio.png"]  # of another program, with its server
+    assert len(pictures) > 15
+    assert sum(path.stat().st_size for path in pictures) < MAX_PICTURES_BYTES
+    assert [path for path in pictures if site / path.relative_to(PAGES) not in shown] == []
+    assert [path.name for path in pictures if not re.search(rf"\b{path.stem}\b", scripts)] == made_by_hand
+
+
+def test_make_pictures_runs_every_script() -> None:
+    make = (ROOT / "Makefile").read_text(encoding="utf-8")
+    [names] = re.findall(r"for script in ([\w ]+); do [^\n]*docs/\$\$\{script\}_pictures\.py", make)
+    assert sorted(names.split()) == sorted(
+        path.stem.removesuffix("_pictures") for path in (ROOT / "docs").glob("*_pictures.py")
+    )
 
 
 def test_equations_are_mathml(pages: dict[Path, Page], site: Path) -> None:

@@ -24,6 +24,7 @@ from gtlayout.cli.console import (
     progress_bars,
     stdout,
 )
+from gtlayout.cli.help_text import help_text
 from gtlayout.cli.solve import solve
 from gtlayout.errors import GtlayoutError
 from gtlayout.results.names import FOLDER, LOG_FILE, REPORT_FILE
@@ -60,6 +61,13 @@ def _command(group: Group, place: int, example: str, status: str = _DONE) -> Cal
         return command
 
     return add
+
+
+def _late(name: str, group: Group, place: int, example: str, status: str = _DONE, **options: Any) -> None:
+    """Add a command whose module is imported when it is called, or when its own help is asked for."""
+    module = "import_" if name == "import" else name
+    options |= _in(group, place, example, status)
+    app.command(f"gtlayout.cli.{module}:{module}", name=name, help=help_text(module), **options)
 
 
 _command(SOLVE, 0, "solve room --out room/second")(solve)
@@ -217,67 +225,10 @@ def _one_cluster(scheduler: str | None = None, **local: object) -> None:
         raise ValueError("--workers and --memory-limit are of this machine; a cluster with --scheduler has its own")
 
 
-app.command(
-    "gtlayout.cli.batch:batch",
-    validator=_one_cluster,
-    help="Solve every scene in folders of scenes, in parallel; go on where an earlier run was cut short.",
-    **_in(SOLVE, 3, "batch rooms --out run", f"{_DONE}, 3 some scenes failed"),
-)
-
-
 def _note_given(_app: App, _commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     """Tell `synth` which fields stand on the command line: what is given holds for all rooms, even a default."""
     for name in [argument.field_info.name for argument in arguments if argument.keys and argument.tokens]:
         arguments["--given"].append(Token(value=name, source="given", index=len(arguments["--given"].tokens)))
-
-
-app.command(
-    "gtlayout.cli.synth:synth",
-    name="synth",
-    config=_note_given,
-    help="Make a synthetic furnished room with known truth: images, cameras, annotations, depth and true planes.",
-    **_in(MAKE, 1, "synth room --frames 24 --width 320 --height 240"),
-)
-
-
-app.command(
-    "gtlayout.cli.review:review",
-    name="review",
-    help="Solve a scene, and list the drawings that are probably wrong, the worst first, by frame and element.",
-    **_in(SOLVE, 1, "review room", f"{_DONE}, 3 something is probably wrong"),
-)
-
-
-app.command(
-    "gtlayout.cli.measure:measure",
-    name="measure",
-    **_in(SOLVE, 2, "measure room --between floor_0 ceiling_0 2.513"),
-    help="Add what was measured in the room by hand, or say what to measure next.",
-)
-
-
-app.command(
-    "gtlayout.cli.export:export",
-    name="export",
-    help="Write a solved layout for another program: a viewer, CAD, a data set.",
-    **_in(LOOK, 3, "export room --to ifc --out room.ifc"),
-)
-
-
-app.command(
-    "gtlayout.cli.serve:serve",
-    name="serve",
-    help="Propose drawings in Label Studio: a backend for its models, until Ctrl-C.",
-    **_in(DRAW, 3, "serve --label-studio room"),
-)
-
-
-app.command(
-    "gtlayout.cli.propose:propose",
-    name="propose",
-    help="Propose the drawings of frames that are not drawn yet, to be corrected instead of drawn.",
-    **_in(DRAW, 2, "propose room --next 3"),
-)
 
 
 def _source_or_labels(source: Path | None = None, out: Path | None = None, **options: object) -> None:
@@ -285,23 +236,15 @@ def _source_or_labels(source: Path | None = None, out: Path | None = None, **opt
         raise ValueError("SRC and OUT are needed (or --label-config cvat|label-studio)")
 
 
-app.command(
-    "gtlayout.cli.import_:import_",
-    name="import",
-    validator=_source_or_labels,
-    help="Turn cameras, video and annotations of any known format into a scene folder, undistorted.",
-    **_in(MAKE, 0, "import clip.mp4 room --colmap"),
-)
-
-
-app.command(
-    "gtlayout.cli.annotate:annotate",
-    name="annotate",
-    help="Draw a scene in the browser while it is solved: prints the address of the page, and serves it until Ctrl-C.",
-    **_in(DRAW, 0, "annotate room"),
-)
-
-
+_late("batch", SOLVE, 3, "batch rooms --out run", f"{_DONE}, 3 some scenes failed", validator=_one_cluster)
+_late("synth", MAKE, 1, "synth room --frames 24 --width 320 --height 240", config=_note_given)
+_late("review", SOLVE, 1, "review room", f"{_DONE}, 3 something is probably wrong")
+_late("measure", SOLVE, 2, "measure room --between floor_0 ceiling_0 2.513")
+_late("export", LOOK, 3, "export room --to ifc --out room.ifc")
+_late("serve", DRAW, 3, "serve --label-studio room")
+_late("propose", DRAW, 2, "propose room --next 3")
+_late("import", MAKE, 0, "import clip.mp4 room --colmap", validator=_source_or_labels)
+_late("annotate", DRAW, 0, "annotate room")
 app.register_install_completion_command(
     help="Have the shell complete commands and options: writes its completion file, and a line in its startup file.",
     help_flags=[],

@@ -45,8 +45,7 @@ def batch(
 
     Results go to OUT/scenes/, one row per scene to OUT/run.csv and OUT/run.parquet; `gtlayout report OUT` makes a page
     of them. A scene is solved again only when its files, the settings or gtlayout have changed since. One that crashes,
-    hangs or takes too much memory is recorded with the reason, and the others continue. Exit status: 0 all scenes
-    have a layout, 3 some failed.
+    hangs or takes too much memory is recorded with the reason, and the others continue.
 
     Parameters
     ----------

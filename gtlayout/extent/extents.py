@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,6 +34,7 @@ def compute_extents(
     known: Mapping[int, Extent] | None = None,
     drawn_before: Mapping[int, Extent] | None = None,
     strips: Mapping[int, StripFrame] | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[Extent, ...]:
     """Each instance's extent: what its unprojected elements agree on, by vote, refined to the planes it touches.
 
@@ -43,7 +44,8 @@ def compute_extents(
     A host (wall) also covers its doors and windows, which keep extents of their own. Unobservable
     planes get empty regions. An extent ends where the depth is unknown. Those that are ``known``, by the index of their
     instance, stay; ``drawn_before`` are only refined again. Walls that have ``strips`` are curved: they lie on these
-    and not on their planes, whatever was known of them, and what touches them ends there.
+    and not on their planes, whatever was known of them, and what touches them ends there. ``progress`` is called with
+    (surfaces done, surfaces in all): each is first cut out, then refined.
     """
     strips = strips or {}
     known, drawn_before = (
@@ -55,12 +57,16 @@ def compute_extents(
     frames = [strips.get(i) or plane_frame(plane, scene) for i, plane in enumerate(planes)]
     sought = [i for i in range(len(instances)) if i not in known]
     unrefined = dict(drawn_before)
-    for i in (i for i in sought if i not in drawn_before):
+    cut = [i for i in sought if i not in drawn_before]
+    steps = len(cut) + len(sought)
+    progress(0, steps)
+    for done, i in enumerate(cut, start=1):
         region = MultiPolygon()
         if i in strips:
             on_strip = faces_on(scene, instances, i, planes, strips[i], max_depth, grid, config)
             region = tidy(on_strip.agreed(), grid, config)
             unrefined[i] = Extent(strips[i], region, region)
+            progress(done, steps)
             continue
         if planes[i].observable:
             faces = faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config)
@@ -68,12 +74,13 @@ def compute_extents(
         cameras = [scene.frame_of(k).camera for k, _ in instances[i].members]
         known_of_it = ended(region, planes[i], frames[i], cameras, grid, config)
         unrefined[i] = Extent(frames[i], known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
+        progress(done, steps)
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     flat_offsets = {pair: by for pair, by in (contact_offsets or {}).items() if not strips.keys() & set(pair)}
     shifts = shifts_on_planes(scene, planes, frames, edges, flat_offsets)
     found = dict(known)
     # Floors and ceilings end where the curved walls do, which are looked for before them.
-    for i in sorted(sought, key=lambda i: i not in strips):
+    for done, i in enumerate(sorted(sought, key=lambda i: i not in strips), start=len(cut) + 1):
         of_it = {j: contact for (k, j), contact in touching.items() if k == i}
         levels = [j for j in of_it if j in strips and instances[i].label in LEVELS]
         neighbours = []
@@ -93,6 +100,7 @@ def compute_extents(
                 arguments = frames[i], planes[i], strips[j], (low, high), of_it[j], grid, config
                 region = tidy(up_to_arc(region, *arguments), grid, config)
         found[i] = replace(unrefined[i], region=bordered(region, strips[i]) if i in strips else region)
+        progress(done, steps)
     return tuple(found[i] for i in range(len(instances)))
 
 

@@ -7,6 +7,8 @@ that all other evidence supports. So the pair of instances that fits worst is re
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gtlayout.planes.config import EstimationConfig
@@ -18,13 +20,16 @@ from gtlayout.scene import FloatArray
 
 
 def start_without_wrong_contacts(
-    evidence: Evidence, config: EstimationConfig, seed: int
+    evidence: Evidence, config: EstimationConfig, seed: int, searched: Callable[[], None] = lambda: None
 ) -> tuple[Evidence, FloatArray]:
-    """Evidence without the contact edges of pairs that disagree with all others, and (S, 4) starting planes for it."""
+    """Evidence without the contact edges of pairs that disagree with all others, and (S, 4) starting planes for it.
+
+    ``searched`` is called after each search for a start.
+    """
     dropped: frozenset[Pair] = frozenset()
     tried = set()
     while True:
-        planes = best_start(evidence.without(dropped), config, seed)
+        planes = best_start(evidence.without(dropped), config, seed, searched)
         tried.add(dropped)
         fit = contact_misfits_px(evidence, planes, config)
         wrong = frozenset(

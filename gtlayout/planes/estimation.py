@@ -5,8 +5,9 @@ Variables are an ``OrientedPlane3`` per instance and a ``Point3`` per track.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import count
 
 import numpy as np
 
@@ -35,11 +36,18 @@ from gtlayout.tracking.triangulation import camera_path
 _IF_IT_MOVED = "film sideways; where that was done, gtlayout check says what is wrong with the poses"
 
 
-def estimate(measured: Measurements, config: EstimationConfig, seed: int, known: FloatArray | None = None) -> Estimate:
+def estimate(
+    measured: Measurements,
+    config: EstimationConfig,
+    seed: int,
+    known: FloatArray | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Estimate:
     """Planes of all instances with their covariance, in the world of ``measured.scene``.
 
     With ``known`` planes of an earlier solve, (S, 4) in that world, NaN = not known, nothing is searched for but the
-    others.
+    others. ``progress`` is called with (steps done, steps in all): the searches for a start, of which there are more
+    where contacts are wrong, the solve, and what supports each plane.
 
     Raises:
         GtlayoutError: no plane at all can be determined (the camera does not move, or nothing was tracked).
@@ -61,14 +69,22 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int, known:
         )
     local = Normalisation.of(rays)
     evidence = gather(measured, local, config)
+    done, expected = count(1), config.starts + 2
+
+    def step() -> None:
+        number = next(done)
+        progress(number, max(expected, number))
+
+    progress(0, expected)
     if known is None:
-        evidence, start = start_without_wrong_contacts(evidence, config, seed)
+        evidence, start = start_without_wrong_contacts(evidence, config, seed, step)
     else:
         evidence, start = warm_start(evidence, local.planes(known), config, seed)
     if not np.isfinite(start).any():
         raise GtlayoutError(f"{scene.root}: too few points could be tracked, so all planes are unobservable: {names}")
     cameras = [local.camera(frame.camera) for frame in scene.frames]
     solution, uncertainty = optimise(cameras, tracks, evidence, start, config)
+    step()
     warnings = []
     if lost := led_astray(evidence, start, solution.planes, config):
         solution, uncertainty = keep_start(tracks, evidence, start, solution.planes, lost, config)
@@ -77,6 +93,7 @@ def estimate(measured: Measurements, config: EstimationConfig, seed: int, known:
     world, jacobian = local.planes_to_world(solution.planes)
     covariance = covariance_by(uncertainty.covariance, jacobian)
     held = supports(measured, evidence, solution, uncertainty.dominant_evidence)
+    step()
     planes = []
     for s, note in enumerate(_notes(solution.planes, uncertainty.covariance, evidence.views, config)):
         own = slice(4 * s, 4 * s + 4)

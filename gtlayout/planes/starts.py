@@ -6,6 +6,7 @@ tried on the real clips the start of lowest cost was the right one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import gtsam
@@ -22,8 +23,13 @@ from gtlayout.planes.structural_factors import met, plane_priors, structure_fact
 from gtlayout.scene import FloatArray
 
 
-def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> FloatArray:
-    """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for an instance without evidence."""
+def best_start(
+    evidence: Evidence, config: EstimationConfig, seed: int, searched: Callable[[], None] = lambda: None
+) -> FloatArray:
+    """(S, 4) polished planes of the cheapest of ``config.starts`` searches; NaN for an instance without evidence.
+
+    ``searched`` is called after each search.
+    """
     ranked = []
     for number in range(config.starts):
         search = config.initialization
@@ -33,6 +39,7 @@ def best_start(evidence: Evidence, config: EstimationConfig, seed: int) -> Float
         planes = polish(evidence, initial_planes(evidence, config.depth_range, search, seed + number), config)
         unplaced = int(np.count_nonzero(np.isnan(planes[:, 0])))
         ranked.append((unplaced, cost_of(evidence, planes, config).total, number, planes))
+        searched()
     return min(ranked, key=lambda candidate: candidate[:3])[3]
 
 

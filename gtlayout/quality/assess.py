@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,13 +37,16 @@ def assess(
     planes: Sequence[Plane],
     extents: Sequence[Extent],
     config: QualityConfig,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Quality:
     """Render the layout into every key frame and compare it with the annotation.
+
+    ``progress`` is called with (key frames done, key frames in all).
 
     Raises ``GtlayoutError`` when no key frame has an element.
     """
     scene.require_elements()
-    elements = element_ious(scene, instances, lambda camera: render(planes, extents, instances, camera)[0])
+    elements = element_ious(scene, instances, lambda camera: render(planes, extents, instances, camera)[0], progress)
     hosted = [instance.host is not None for instance in instances]
     frame_ious = mean_by_frame(scene, instances, elements)
     iou = float(np.nanmean(frame_ious))

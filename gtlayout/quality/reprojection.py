@@ -13,10 +13,17 @@ from gtlayout.scene import Camera, IntArray, Scene
 
 
 def element_ious(
-    scene: Scene, instances: Sequence[Instance], seen_by: Callable[[Camera], LabelImage]
+    scene: Scene,
+    instances: Sequence[Instance],
+    seen_by: Callable[[Camera], LabelImage],
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[ElementIoU, ...]:
-    """Every annotated element against a rendering: ``seen_by`` gives (H, W) instances, -1 where there is nothing."""
+    """Every annotated element against a rendering: ``seen_by`` gives (H, W) instances, -1 where there is nothing.
+
+    ``progress`` is called with (key frames done, key frames in all).
+    """
     elements = []
+    progress(0, len(scene.key_frames))
     for k in range(len(scene.key_frames)):
         rendered = seen_by(scene.frame_of(k).camera)
         overlap = _overlap(rendered, annotated_labels(scene, instances, k), len(instances))
@@ -25,6 +32,7 @@ def element_ious(
             for frame, element in instance.members:
                 if frame == k:
                     elements.append(ElementIoU(k, element, i, _iou(overlap, own)))
+        progress(k + 1, len(scene.key_frames))
     return tuple(elements)
 
 

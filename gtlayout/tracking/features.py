@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, Self
@@ -65,10 +65,12 @@ class VideoFeatures:
         config: FeatureConfig,
         extractor: FeatureExtractor | None = None,
         memory: Memory | None = None,
+        progress: Callable[[int, int], None] = lambda done, total: None,
     ) -> Self:
         """Those of all key frames, and of ``config.spread_frames`` frames spread evenly over the video.
 
-        ``memory`` keeps those of each frame, for one ``extractor``.
+        ``memory`` keeps those of each frame, for one ``extractor``. ``progress`` is called with (frames done, frames in
+        all).
         """
         memory = memory or Memory()
         extractor = extractor or SiftExtractor(config.contrast, config.max_side_px, config.sigma_px)
@@ -88,6 +90,7 @@ class VideoFeatures:
                 unreadable.append(frame.name)
             else:
                 of_frame[f] = found
+            progress(len(of_frame) + len(unreadable), len(wanted))
         return cls(of_frame, tuple(unreadable))
 
     def nearest(self, key: int, most: int) -> list[int]:

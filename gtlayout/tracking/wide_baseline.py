@@ -6,7 +6,7 @@ little parallax. A feature is found again over any distance, because the cameras
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -32,16 +32,18 @@ def with_wide_baselines(
     tracking: TrackingConfig,
     config: WideBaselineConfig,
     memory: Memory | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Tracks:
     """The ``tracks`` with those of ``features`` found again in far frames, which replace the others of their element.
 
     An element with fewer than ``config.min_tracks`` of them keeps the tracks that it has. Nothing changes where the
-    camera does not move. ``memory`` keeps what was found of each key frame, for one extractor of features.
+    camera does not move. ``memory`` keeps what was found of each key frame, for one extractor of features. ``progress``
+    is called with (key frames done, key frames in all).
     """
     path = camera_path(scene)
     if path == 0.0:
         return tracks
-    wide = _found_again(scene, path, features, tracking, config, memory or Memory())
+    wide = _found_again(scene, path, features, tracking, config, memory or Memory(), progress)
     replaced = [count >= config.min_tracks for count in wide.per_element()]
     tried = tuple(
         np.where(chosen, ours, theirs) for chosen, ours, theirs in zip(replaced, wide.tried, tracks.tried, strict=True)
@@ -70,6 +72,7 @@ def _found_again(
     tracking: TrackingConfig,
     config: WideBaselineConfig,
     memory: Memory,
+    progress: Callable[[int, int], None],
 ) -> Tracks:
     """Tracks of the features on all elements."""
     key_frame: list[int] = []
@@ -91,6 +94,7 @@ def _found_again(
         )
 
     for k, of_key in enumerate(in_threads(of_key_frame, range(len(scene.key_frames)))):
+        progress(k + 1, len(scene.key_frames))
         if of_key is None:
             tried.append(np.zeros(len(scene.key_frames[k].elements), dtype=np.int64))
             continue
