@@ -32,7 +32,7 @@ from simulated.simulation import no_tracks
 CONFIG = Config()
 SEEN = rooms.BOX[:5]
 """Of the box room, what the cameras below see."""
-FLOOR, CEILING, FAR = 0, 1, 4
+FLOOR, CEILING, LEFT, FAR = 0, 1, 2, 4
 CAMERAS = [rooms.level_camera([x, y, 1.25]) for x, y in ((2.0, 1.5), (1.8, 1.0), (2.2, 0.7), (2.0, 0.5))]
 PLANES = [replace(surface.plane, support=Support(tracks=20)) for surface in SEEN]
 ROOM = rooms.seen_from(CAMERAS, SEEN)
@@ -103,6 +103,24 @@ def test_a_lost_element_rejoins_where_nothing_places_it() -> None:
     # One that has a plane of its own is joined by that, or not at all.
     placed = [*PLANES, PLANES[FAR]]
     assert find_rejoins(ROOM, instances, placed, matched(ROOM, instances, placed), CONFIG.regrouping) == ()
+
+
+def test_elements_that_were_joined_to_another_wall_go_where_they_are() -> None:
+    """The left wall is forgotten in two key frames, and what they show of the far wall was taken for it."""
+    forgotten = (1, 2)
+    key_frames = [
+        replace(one, elements=tuple(e for i, e in enumerate(one.elements) if i != LEFT)) if k in forgotten else one
+        for k, one in enumerate(ROOM.key_frames)
+    ]
+    scene = replace(ROOM, key_frames=tuple(key_frames))
+    drawn = [{k: s - (s > LEFT and k in forgotten) for k in range(len(CAMERAS))} for s in range(len(SEEN))]
+    members = [{(k, e) for k, e in of.items() if s != LEFT or k not in forgotten} for s, of in enumerate(drawn)]
+    astray = {(k, drawn[FAR][k]) for k in forgotten}
+    members[LEFT] |= astray
+    members[FAR] -= astray
+    instances = [replace(one, members=tuple(sorted(of))) for one, of in zip(INSTANCES, members, strict=True)]
+    found = find_rejoins(scene, instances, PLANES, matched(scene, instances, PLANES), CONFIG.regrouping)
+    assert {(one.member, one.instance) for one in found} == {(member, FAR) for member in astray}
 
 
 @pytest.mark.parametrize(

@@ -441,6 +441,21 @@ def test_a_lost_element_finds_back(right: tuple[Room, Tracks, Solution]) -> None
     assert "are one plane by where its outline must lie" in said
 
 
+def test_a_wall_that_others_were_joined_to_gives_them_back() -> None:
+    """Without tracks only the drawings show that two of a wall's elements are another wall."""
+    room, tracks, _ = simulated()
+    a, b = (i for i, instance in enumerate(room.instances) if instance.label == "wall")
+    groups = [set(instance.members) for instance in room.instances]
+    own, astray = ({member for member in groups[i] if member[0] >= 3} for i in (a, b))
+    bare = np.array([(k, e) not in astray for k, e in zip(tracks.key_frame, tracks.element, strict=True)])
+    groups[a] ^= own | astray
+    groups[b] -= astray
+    found = solve(room, chosen(tracks, np.nonzero(bare)[0]), [*groups, own])
+    assert partition(found.instances) == partition(room.instances)
+    said = [line for line in found.scene.warnings if "by where its outline must lie" in line]
+    assert len(said) == len(own | astray)
+
+
 @pytest.mark.parametrize("whole", [False, True])
 def test_what_contradicts_the_others_is_named_and_left_out(right: tuple[Room, Tracks, Solution], whole: bool) -> None:
     room, tracks, _ = right

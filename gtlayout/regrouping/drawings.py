@@ -54,7 +54,7 @@ class Swap:
 
 @dataclass(frozen=True)
 class Rejoin:
-    """An element that no other key frame shows, and the instance that it is."""
+    """An element that is not what its instance is, and the instance that it is."""
 
     member: Member
     instance: int
@@ -93,7 +93,9 @@ def find_swaps(scene: Scene, matches: Sequence[KeyFrameMatch], config: Regroupin
         alike = [
             (e, i)
             for e, i in _like_another(found, config)
-            if found.labels[i] != elements[e].label and found.overlap.iou[e, i] >= config.min_swapped_iou
+            if found.others[e] == 0
+            and found.labels[i] != elements[e].label
+            and found.overlap.iou[e, i] >= config.min_swapped_iou
         ]
         swaps += [
             Swap((found.key_frame, e), (found.key_frame, f))
@@ -111,16 +113,25 @@ def find_rejoins(
     matches: Sequence[KeyFrameMatch],
     config: RegroupingConfig,
 ) -> tuple[Rejoin, ...]:
-    """The elements that no other key frame shows and nothing places, but that look like an instance of the others."""
-    return tuple(
-        Rejoin((found.key_frame, e), i, float(found.overlap.iou[e, i]))
-        for found in matches
-        for e, i in _like_another(found, config)
-        if not planes[found.own[e]].observable
-        and found.overlap.iou[e, i] >= config.min_rejoin_iou
-        and instances[i].label == scene.key_frames[found.key_frame].elements[e].label
-        and found.key_frame not in {k for k, _ in instances[i].members}
-    )
+    """The elements that look like an instance of the others and not like their own.
+
+    Nothing may speak for where they are: either no other key frame shows the instance and nothing places it, or what
+    the others show of it lies elsewhere.
+    """
+    rejoins = []
+    for found in matches:
+        elements = scene.key_frames[found.key_frame].elements
+        for e, i in _like_another(found, config):
+            unplaced = found.others[e] == 0 and not planes[found.own[e]].observable
+            astray = found.others[e] > 0 and found.own_iou[e] < config.min_rejoin_iou
+            if (
+                (unplaced or astray)
+                and found.overlap.iou[e, i] >= config.min_rejoin_iou
+                and instances[i].label == elements[e].label
+                and found.key_frame not in {k for k, _ in instances[i].members}
+            ):
+                rejoins.append(Rejoin((found.key_frame, e), i, float(found.overlap.iou[e, i])))
+    return tuple(rejoins)
 
 
 def find_contradictions(
@@ -153,9 +164,9 @@ def find_contradictions(
 
 
 def _like_another(found: KeyFrameMatch, config: RegroupingConfig) -> Iterator[tuple[int, int]]:
-    """Elements that no other key frame shows, each with the instance that it looks like."""
+    """Elements that look like an instance that is not their own, each with that."""
     for e, i in enumerate(found.matched):
-        if i is None or i == found.own[e] or found.others[e] > 0:
+        if i is None or i == found.own[e]:
             continue
         # Neither a corner of the element that others know, nor a patch on a wall that is not drawn here.
         if min(found.overlap.known_share[e], found.overlap.drawn_share[i]) >= config.min_known_share:

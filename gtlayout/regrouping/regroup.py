@@ -65,14 +65,16 @@ def regroup(
         return formed(prepared, [*kept, *((member,) for member in wrong)], (*prepared.left_out, *wrong), messages)
     groups: list[Members] = [instance.members for instance in instances]
     changed: set[int] = set()
+    instance_of = {member: i for i, group in enumerate(groups) for member in group}
     for rejoin in find_rejoins(scene, instances, solved.planes, matches, config):
-        beyond = reaches_through(prepared, solved.planes, rejoin.member, rejoin.instance, config, extent)
-        if rejoin.member not in prepared.left_out and rejoin.instance not in changed and beyond is None:
-            alone = next(i for i, group in enumerate(groups) if group == (rejoin.member,))
-            pair = _in_words(scene, groups[rejoin.instance][0], rejoin.member)
+        member, own, taken = rejoin.member, instance_of[rejoin.member], {k for k, _ in groups[rejoin.instance]}
+        beyond = reaches_through(prepared, solved.planes, member, rejoin.instance, config, extent)
+        if member not in prepared.left_out and member[0] not in taken and beyond is None and not is_curved(own):
+            pair = _in_words(scene, groups[rejoin.instance][0], member)
             messages.append(f"{pair} are one plane by where its outline must lie (IoU {rejoin.iou:.2f}): joined")
-            groups[rejoin.instance], groups[alone] = (*groups[rejoin.instance], rejoin.member), ()
-            changed |= {alone, rejoin.instance}
+            groups[rejoin.instance] = (*groups[rejoin.instance], member)
+            groups[own] = tuple(each for each in groups[own] if each != member)
+            changed |= {own, rejoin.instance}
     for part in find_parts(prepared, solved.planes, config, extent):
         if part.instance not in changed and not is_curved(part.instance):
             groups[part.instance] = tuple(member for member in groups[part.instance] if member != part.member)
