@@ -58,8 +58,8 @@ class RegroupingConfig:
     min_others: int = 2
     """It does so only if at least this many others agree on its instance: of two nobody knows which is wrong."""
     min_rejoin_iou: float = 0.5
-    """An element rejoins the instance that it looks like with at least this IoU where nothing places its own, or it looks
-    like that one with less."""
+    """An element rejoins the instance that it looks like with at least this IoU: one that nothing places, or that looks
+    less like its own."""
     max_contradicted_share: float = 0.5
     """A key frame is left out as a whole when elements with more than this share of its drawn area contradict."""
     max_others_beyond: float = 0.05

@@ -66,10 +66,15 @@ def regroup(
     groups: list[Members] = [instance.members for instance in instances]
     changed: set[int] = set()
     instance_of = {member: i for i, group in enumerate(groups) for member in group}
+    joins = find_joins(scene, instances, solved, config, extent)
+    one_plane = {join.instances for join in joins}
     for rejoin in find_rejoins(scene, instances, solved.planes, matches, config):
         member, own, taken = rejoin.member, instance_of[rejoin.member], {k for k, _ in groups[rejoin.instance]}
-        beyond = reaches_through(prepared, solved.planes, member, rejoin.instance, config, extent)
-        if member not in prepared.left_out and member[0] not in taken and beyond is None and not is_curved(own):
+        settled = member in prepared.left_out or member[0] in taken or is_curved(own)
+        # Of two instances in one plane either is predicted: these are joined as a whole.
+        if settled or (min(own, rejoin.instance), max(own, rejoin.instance)) in one_plane:
+            continue
+        if reaches_through(prepared, solved.planes, member, rejoin.instance, config, extent) is None:
             pair = _in_words(scene, groups[rejoin.instance][0], member)
             messages.append(f"{pair} are one plane by where its outline must lie (IoU {rejoin.iou:.2f}): joined")
             groups[rejoin.instance] = (*groups[rejoin.instance], member)
@@ -89,7 +94,7 @@ def regroup(
         if split.instance not in changed and not is_curved(split.instance)
     ]
     changed |= {split.instance for split in splits}
-    for join in find_joins(scene, instances, solved, config, extent):
+    for join in joins:
         if not changed & set(join.instances):
             a, b = join.instances
             pair = _in_words(scene, groups[a][0], groups[b][0])
