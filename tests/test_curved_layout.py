@@ -73,8 +73,14 @@ def test_extents_are_right_and_better_than_of_planes(kind: RoomKind) -> None:
         [judged.iou for judged in assess(scene, one.instances, one.planes, one.extents, Config().quality).instances]
         for one in (layout, flat)
     ]
-    structure = [i for i, instance in enumerate(layout.instances) if instance.label in ("wall", "floor", "ceiling")]
-    assert min(ious[0][i] for i in structure if layout.instances[i].name != "wall_3" or kind == "bay") > 0.97
+    # Windows have no host here, so that one is missing from its wall.
+    pierced = {"wall_3"} if kind == "round-corner" else set()
+    structure = [
+        i
+        for i, instance in enumerate(layout.instances)
+        if instance.label in ("wall", "floor", "ceiling") and instance.name not in pierced
+    ]
+    assert min(ious[0][i] for i in structure) > 0.97
     assert ious[0][index] > ious[1][index] + 0.1
 
 
