@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg import block_diag
 from synth_views import SEED, the_room, views
 
 from gtlayout.curved.config import CurvedConfig
 from gtlayout.curved.find import curved_walls
 from gtlayout.cylinder import CurvedWall
-from gtlayout.edges import EdgeConfig
+from gtlayout.dimensions.solved_room import SolvedRoom
+from gtlayout.dimensions.take import take_dimensions
+from gtlayout.edges import EdgeConfig, contact_edges
+from gtlayout.extent.config import ExtentConfig
+from gtlayout.extent.extents import compute_extents
 from gtlayout.geometry.raster import spread_points
+from gtlayout.geometry.strip import StripFrame
 from gtlayout.instances import Instance, Plane
+from gtlayout.layout import Layout
+from gtlayout.mesh import build_mesh
 from gtlayout.scene import Camera, FloatArray, Frame, IntArray, KeyFrame, Label, Scene
 from gtlayout.synth.annotate import annotate
 from gtlayout.synth.render import cast
@@ -25,6 +34,7 @@ from gtlayout.tracking.triangulation import TriangulatedTracks
 
 VIEWS = 4
 TRACKS_PER_ELEMENT = 60
+TOLERANCE_M = 0.002
 DEPTH_SIGMA = 0.003
 """As a share of the depth."""
 
@@ -72,6 +82,36 @@ def measured(kind: RoomKind) -> Measured:
     frames = tuple(Frame(f"{k}.jpg", Path(f"{k}.jpg"), camera) for k, camera in enumerate(cameras))
     scene = Scene(Path("room"), frames, tuple(key_frame for key_frame, _ in drawn), True)
     return Measured(scene, instances, planes, *_tracked(room, cameras, [k for k, _ in drawn], instances, rng))
+
+
+@cache
+def laid_out(kind: RoomKind, *, curved: bool = True) -> tuple[Scene, Layout]:
+    """The layout of a measured room; its round walls are planes where not ``curved``."""
+    room = measured(kind)
+    strips = {wall.instance: StripFrame.on(wall, TOLERANCE_M) for wall in room.found()} if curved else {}
+    edges = contact_edges(room.scene, room.instances, EdgeConfig())
+    extents = compute_extents(room.scene, room.instances, room.planes, edges, ExtentConfig(), strips=strips)
+    mesh = build_mesh(room.instances, extents)
+    covariance = block_diag(*(plane.covariance for plane in room.planes))
+    taken = take_dimensions(SolvedRoom(room.scene, room.instances, room.planes, extents), covariance, 20)
+    layout = Layout(
+        room.instances,
+        room.planes,
+        extents,
+        mesh,
+        True,
+        taken.dimensions,
+        taken.accuracies,
+        taken.quantities,
+        next_measurement=taken.next_measurement,
+    )
+    return room.scene, layout
+
+
+def round_wall(layout: Layout) -> int:
+    """Index of the only curved wall."""
+    (index,) = layout.curved
+    return index
 
 
 def _label(surface: Surface) -> Label:
