@@ -11,9 +11,9 @@ import solved_rooms
 from test_solved_room import DOOR, offsets, room_of
 
 from gtlayout.dimensions.measurable import Measurable
-from gtlayout.measured.conditioning import SURE, condition
+from gtlayout.measured.conditioning import condition
 from gtlayout.measured.measurables import NotMeasurableError, measurable_of
-from gtlayout.measurement import ElementName, Measurement
+from gtlayout.measurement import SURE, ElementName, Measurement
 from gtlayout.method import with_measurements
 from gtlayout.scene import FloatArray
 from gtlayout.solution import Solution
@@ -45,9 +45,9 @@ def length(solution: Solution, kind: str) -> tuple[float, float]:
 
 def test_one_measured_length_is_the_weighted_mean_and_both_planes_share_the_change() -> None:
     """Two planes with σ 2 cm each: σ of their distance is 2.83 cm, and the tape has 3 mm."""
-    solution = with_measurements(solution_of(0.02, HEIGHT))
+    solution = with_measurements(solution_of(0.02, replace(HEIGHT, value=2.52)))
     prior, tape = 2 * 0.02**2, 0.003**2
-    moved = 0.03 * prior / (prior + tape)
+    moved = 0.02 * prior / (prior + tape)
     found, sigma = length(solution, "height")
     assert found == pytest.approx(rooms.HEIGHT_M + moved, abs=1e-6)
     assert sigma == pytest.approx(np.sqrt(prior * tape / (prior + tape)), rel=1e-3)

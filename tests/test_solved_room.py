@@ -12,11 +12,12 @@ from scipy.linalg import block_diag
 
 from gtlayout.accuracy import SIGMAS_95, accuracy_of, level_of
 from gtlayout.dimensions.areas import quantities
-from gtlayout.dimensions.next_measurement import TAPE_SIGMA_M
+from gtlayout.dimensions.drawing_noise import USUAL_SIGMA_PX
 from gtlayout.dimensions.openings import opening_dimensions
-from gtlayout.dimensions.solved_room import SIGMA_DRAWN_PX, SolvedRoom
+from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.dimensions.take import all_dimensions, surface_accuracy, take_dimensions
 from gtlayout.instances import Plane
+from gtlayout.measurement import TAPE_SIGMA_M
 from gtlayout.scene import FloatArray, KeyFrame
 
 CAMERA = rooms.level_camera([2.0, 1.0, 1.25], focal=400.0, width=640, height=480)
@@ -114,7 +115,7 @@ def test_a_floor_that_ends_where_nobody_looked_is_not_closed_and_as_uncertain_as
     )
     # A camera 1.25 m up and 3 m away: a pixel of y is z² / (f h) along the floor.
     assert room.drawn_sigma(0, middle, np.array([0.0, 1.0, 0.0])) == pytest.approx(
-        SIGMA_DRAWN_PX * 9 / (400 * 1.25), rel=1e-5
+        USUAL_SIGMA_PX * 9 / (400 * 1.25), rel=1e-5
     )
 
 
@@ -127,7 +128,7 @@ def test_a_window_is_measured_with_its_sill() -> None:
     sill = found["sill"][0]
     assert (sill.first, sill.second) == (0, 6)
     # 4 m away a pixel is 1 cm; two ends that are drawn apart. The window lies in its wall, so no reveal hides a part.
-    assert found["opening width"][1].drawn_sigma == pytest.approx(np.sqrt(2) * SIGMA_DRAWN_PX * 0.01)
+    assert found["opening width"][1].drawn_sigma == pytest.approx(np.sqrt(2) * USUAL_SIGMA_PX * 0.01)
     # The whole picture of a window that is 1 cm further away is larger: 1.2 m / 4 m.
     gradient = found["opening width"][1].gradient
     assert gradient[4 * 6 + 3] == pytest.approx(1.2 / 4.0)
@@ -138,7 +139,7 @@ def test_what_lies_behind_its_wall_is_as_uncertain_as_what_a_reveal_hides() -> N
     back = replace(WINDOW, corners=WINDOW.corners + np.array([0.0, 0.1, 0.0]))
     room = room_of((*rooms.BOX, back))
     found = {one.kind: measured for one, measured in opening_dimensions(room)}
-    drawn = SIGMA_DRAWN_PX * 4.1 / 400
+    drawn = USUAL_SIGMA_PX * 4.1 / 400
     left, right = ((2.0 - 1.6) / 4.1, (2.8 - 2.0) / 4.1)
     hidden = [0.1 * slope / np.sqrt(3) for slope in (left, right)]
     assert found["opening width"].drawn_sigma == pytest.approx(np.linalg.norm([drawn, drawn, *hidden]))
