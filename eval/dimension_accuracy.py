@@ -158,8 +158,10 @@ def _of_dimension(one: Dimension, length: float) -> list[Metric]:
 
 
 def _measured_by_hand(solution: Solution, true: dict[int, TruePlane], rng: np.random.Generator) -> list[Measurement]:
-    """The dimensions that gtlayout proposes one after the other, as a tape measures them; the most uncertain of those
-    that the truth knows where the proposal is not among them or nothing is proposed.
+    """The dimensions that gtlayout proposes one after the other, as a tape measures them.
+
+    Where the truth does not know the proposal, the most uncertain of those it knows; where nothing is left to propose,
+    the most certain, which checks the others best.
     """
     measurements: list[Measurement] = []
     now = solution
@@ -175,7 +177,8 @@ def _measured_by_hand(solution: Solution, true: dict[int, TruePlane], rng: np.ra
             break
         following = layout.next_measurement
         proposed = None if following is None else layout.dimensions[following.dimension]
-        chosen = next((one for one in known if one is proposed), max(known, key=lambda one: one.sigma))
+        instead = min(known, key=lambda one: one.sigma) if proposed is None else max(known, key=lambda one: one.sigma)
+        chosen = next((one for one in known if one is proposed), instead)
         kind, names, _ = _measurement_of(layout, chosen, 1.0)
         value = true_length(chosen, true) + rng.normal(0, TAPE_SIGMA_M)
         measurements.append(Measurement(kind, names, value, TAPE_SIGMA_M))
@@ -201,7 +204,7 @@ def _falsified(solution: Solution, measurements: Sequence[Measurement], which: i
         if plane.observable and not without.layout.extents[i].region.is_empty:
             centroid = centroid_world(without.layout.extents[i])
             other = dragged.layout.planes[i]
-            moved = abs(float(other.normal @ centroid) + other.d)
+            moved = abs(float((other.normal - plane.normal) @ centroid) + other.d - plane.d)
             drag = max(drag, moved / float(plane.sigma_offset(centroid)))
     checked = dragged.layout.measurements[which]
     return [

@@ -10,6 +10,8 @@ import numpy.typing as npt
 
 TAPE_SIGMA_M = 0.003
 """σ of a length measured with a tape or a laser."""
+GROSS_M = 0.05
+"""A slip of a reading that a measurement should not be able to hide: a line of the tape misread."""
 SURE = 2.576
 """A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
 NAMED = SURE + 1.645

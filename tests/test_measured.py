@@ -13,8 +13,9 @@ from test_solved_room import DOOR, offsets, room_of
 from gtlayout.dimensions.measurable import Measurable
 from gtlayout.measured.conditioning import condition
 from gtlayout.measured.measurables import NotMeasurableError, measurable_of
-from gtlayout.measurement import SURE, ElementName, Measurement
+from gtlayout.measurement import NAMED, SURE, ElementName, Measurement
 from gtlayout.method import with_measurements
+from gtlayout.results.tables import measurement_lines
 from gtlayout.scene import FloatArray
 from gtlayout.solution import Solution
 
@@ -90,6 +91,56 @@ def test_the_limit_is_where_one_of_a_hundred_right_ones_lies() -> None:
     for factor, used in ((0.99, True), (1.01, False)):
         measured = replace(HEIGHT, value=rooms.HEIGHT_M + factor * SURE * sigma)
         assert with_measurements(solution_of(0.005, measured)).layout.measurements[0].used is used
+
+
+def test_what_could_be_a_slip_moves_nothing_by_more_than_its_sigma() -> None:
+    """Two σ from the video: it may be right, and counts so much less that the height moves by one σ of both."""
+    video = 0.02 * np.sqrt(2)
+    both = np.hypot(video, 0.003)
+    measured = replace(HEIGHT, value=rooms.HEIGHT_M + 2 * both)
+    solution = with_measurements(solution_of(0.02, measured))
+    (checked,) = solution.layout.measurements
+    assert checked.used and checked.held_back
+    assert checked.counted_sigma == pytest.approx(np.hypot(0.003, both), rel=0.03)
+    assert length(solution, "height")[0] - rooms.HEIGHT_M == pytest.approx(video**2 / both, rel=0.03)
+    assert length(solution, "height")[1] == pytest.approx(video / np.sqrt(2), rel=0.03)
+    assert checked.hidden_slip == pytest.approx(NAMED * both, rel=1e-3)
+    (line, *_) = measurement_lines(solution.layout)
+    assert line.endswith("could hide a slip of up to 12.0 cm; measure it a second time")
+
+
+def test_a_second_measurement_that_agrees_frees_the_first() -> None:
+    measured = replace(HEIGHT, value=rooms.HEIGHT_M + 2 * 0.02 * np.sqrt(2))
+    solution = with_measurements(solution_of(0.02, measured, replace(measured, value=measured.value + 0.002)))
+    assert not any(one.held_back for one in solution.layout.measurements)
+    assert length(solution, "height")[0] == pytest.approx(measured.value + 0.001, abs=1e-3)
+    assert length(solution, "height")[1] == pytest.approx(0.003 / np.sqrt(2), rel=0.02)
+    (line, *_) = measurement_lines(solution.layout)
+    assert line.endswith("; it could hide a slip of up to 1.8 cm"), "the other knows better than the video"
+
+
+def test_of_two_readings_the_video_tells_which_is_wrong_where_it_can() -> None:
+    """5 cm apart: where the video knows 1.4 cm it is clear, where it knows 14 cm neither is used."""
+    right, wrong = replace(HEIGHT, value=rooms.HEIGHT_M), replace(HEIGHT, value=rooms.HEIGHT_M + 0.05)
+    clear, unclear = (with_measurements(solution_of(sigma, right, wrong)) for sigma in (0.01, 0.1))
+    assert [one.used for one in clear.layout.measurements] == [True, False]
+    assert [one.used for one in unclear.layout.measurements] == [False, False]
+
+
+def test_a_door_measured_twice_checks_itself_though_its_drawing_is_off() -> None:
+    """What is drawn of it is off alike for both: by the second the first is known to 3 mm, not to 3 cm."""
+    door = Measurement("width", ("door_6",), 0.9, 0.003)
+    drawn = Measurable(0.9, np.zeros(24), 0.03)
+    posterior = condition(offsets(6, 0.01), [door, replace(door, value=0.95)], [drawn, drawn], 0.0)
+    assert posterior is not None
+    assert not any(one.used and not one.held_back for one in posterior.checked)
+    posterior = condition(offsets(6, 0.01), [door, replace(door, value=0.902)], [drawn, drawn], 0.0)
+    assert posterior is not None
+    assert [one.predicted_sigma for one in posterior.checked] == pytest.approx([0.003, 0.003], rel=0.02)
+    other = replace(door, instances=("door_7",), value=0.902)
+    posterior = condition(offsets(6, 0.01), [door, other], [drawn, drawn], 0.0)
+    assert posterior is not None
+    assert [one.predicted_sigma for one in posterior.checked] == pytest.approx([0.03, 0.03], rel=0.02)
 
 
 def test_of_three_the_wrong_one_is_found_though_only_the_others_tell() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rooms
+import shapely
 from scipy.linalg import block_diag
 
 from gtlayout.accuracy import SIGMAS_95, accuracy_of, level_of
@@ -17,7 +18,7 @@ from gtlayout.dimensions.openings import opening_dimensions
 from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.dimensions.take import all_dimensions, surface_accuracy, take_dimensions
 from gtlayout.instances import Plane
-from gtlayout.measurement import TAPE_SIGMA_M
+from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M
 from gtlayout.scene import FloatArray, KeyFrame
 
 CAMERA = rooms.level_camera([2.0, 1.0, 1.25], focal=400.0, width=640, height=480)
@@ -145,6 +146,16 @@ def test_what_lies_behind_its_wall_is_as_uncertain_as_what_a_reveal_hides() -> N
     assert found["opening width"].drawn_sigma == pytest.approx(np.linalg.norm([drawn, drawn, *hidden]))
 
 
+def test_an_opening_in_two_pieces_with_nothing_between_has_no_size() -> None:
+    """Left over at two opposite corners: no line through its middle meets it."""
+    room = room_of((*rooms.BOX, WINDOW))
+    whole = room.extents[6]
+    u, v = whole.region.bounds[:2]
+    pieces = shapely.MultiPolygon([shapely.box(u, v, u + 0.1, v + 0.1), shapely.box(u + 1.1, v + 0.9, u + 1.2, v + 1)])
+    room = replace(room, extents=[*room.extents[:6], replace(whole, region=pieces)])
+    assert opening_dimensions(room) == []
+
+
 def test_openings_that_are_cut_or_hidden_have_no_width() -> None:
     room = room_of((*rooms.BOX, DOOR))
     kinds = {one.kind for one, _ in opening_dimensions(room)}
@@ -206,6 +217,20 @@ def test_what_to_measure_next_brings_most_to_the_level() -> None:
     assert (following.within, following.reached, following.of) == (2, 3, 3)
     covariance[11, 11] = TAPE_SIGMA_M**2
     assert take_dimensions(room, covariance, 20).next_measurement is None, "all are known well enough"
+
+
+def test_a_dimension_that_can_be_checked_goes_first() -> None:
+    """All share a scale of .45 %, so any brings all to LOA30. The longest tells most, but would hide a slip of 5 cm."""
+    room = room_of(rooms.BOX)
+    lengths = np.zeros(24)
+    lengths[[7, 15, 23]] = rooms.HEIGHT_M, rooms.WIDTH_M, rooms.DEPTH_M
+    for share, kind in ((0.0045, "height"), (0.006, "width")):
+        taken = take_dimensions(room, share**2 * np.outer(lengths, lengths) + offsets(6, 1e-4), 30)
+        following = taken.next_measurement
+        assert following is not None
+        proposed = taken.dimensions[following.dimension]
+        assert (proposed.kind, following.reached) == (kind, 3)
+        assert (NAMED * np.hypot(proposed.sigma, TAPE_SIGMA_M) <= GROSS_M) is np.bool_(kind == "height")
 
 
 def test_without_a_unit_nothing_has_a_level_and_the_best_known_length_is_proposed() -> None:

@@ -9,11 +9,9 @@ import numpy as np
 from gtlayout.accuracy import accuracy_of
 from gtlayout.dimensions.facing import Taken
 from gtlayout.instances import NextMeasurement
-from gtlayout.measurement import NAMED, TAPE_SIGMA_M
+from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M
 from gtlayout.scene import BoolArray, FloatArray
 
-GROSS_M = 0.05
-"""A slip of a reading that a measurement should not be able to hide: a line of the tape misread."""
 _LEAST_GAIN = 1e-9
 
 

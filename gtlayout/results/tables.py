@@ -15,7 +15,7 @@ from gtlayout.evaluation.evaluate import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
 from gtlayout.instances import Dimension, DimensionKind, Quantity
 from gtlayout.layout import Layout
-from gtlayout.measurement import NAMED, TAPE_SIGMA_M, Checked
+from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M, Checked
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.headline import Headline, element_name
 from gtlayout.scene import Scene
@@ -134,11 +134,11 @@ def next_line(layout: Layout) -> list[str]:
     if not layout.metric:
         return [f"measure {what}: it would give the scene its unit"]
     wanted = next((each.accuracy.wanted for each in layout.dimensions if each.accuracy), 0)
-    slip = _slip(NAMED * math.hypot(dimension.sigma, TAPE_SIGMA_M), "m")
-    return [
-        f"measure {what}: it would bring {one.reached} of {one.of} dimensions to LOA{wanted} ({one.within} now), and "
-        f"could hide a slip of up to {slip}"
-    ]
+    hidden_m = NAMED * math.hypot(dimension.sigma, TAPE_SIGMA_M)
+    brings = f"it would bring {one.reached} of {one.of} dimensions to LOA{wanted} ({one.within} now)"
+    if hidden_m <= GROSS_M:
+        return [f"measure {what}: {brings}"]
+    return [f"measure {what}, twice: {brings}; read once it could hide a slip of up to {_slip(hidden_m, ' m')}"]
 
 
 def dimension_of(layout: Layout, one: Dimension) -> str:
