@@ -16,11 +16,13 @@ SURE = 2.576
 """A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
 NAMED = SURE + 1.645
 """A slip of so many σ is named in 95 of 100 cases."""
+PULL = 0.8
+"""A measurement moves what predicts it by so many σ at most: less than one, as it also changes what others count as."""
 
 
 def held_back_by(deviations: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Variance to add to measurements ``deviations`` σ from their prediction so that they move it by one σ at most."""
-    return np.asarray(sigma**2 * np.maximum(deviations - 1, 0.0))
+    """Variance to add to measurements so many σ from their prediction, so that they move it by ``PULL`` σ at most."""
+    return np.asarray(sigma**2 * np.maximum(deviations / PULL - 1, 0.0))
 
 
 MeasuredKind = Literal["between", "width", "height", "sill", "angle", "points"]
@@ -100,19 +102,19 @@ class Checked:
 
     @property
     def hidden_slip(self) -> float:
-        """The largest slip of a reading that would not be named in 95 of 100 cases; NaN when nothing predicts it."""
+        """A slip of its reading that is named in 95 of 100 cases: smaller ones may hide. NaN when nothing predicts."""
         return NAMED * self._both
 
     @property
     def counted_sigma(self) -> float:
-        """The σ with which it counts: larger than its own where it would move its prediction by more than one σ."""
+        """The σ with which it counts: larger than its own where it would move all else by more than ``PULL`` σ."""
         added = float(held_back_by(np.array(self.deviations), np.array(self._both)))
         return float(np.hypot(self.measurement.sigma, added**0.5)) if np.isfinite(added) else self.measurement.sigma
 
     @property
     def held_back(self) -> bool:
         """Whether it is used, but counts less than its σ says."""
-        return self.used and self.deviations > 1
+        return self.used and self.deviations > PULL
 
     @property
     def _both(self) -> float:

@@ -13,7 +13,7 @@ from test_solved_room import DOOR, offsets, room_of
 from gtlayout.dimensions.measurable import Measurable
 from gtlayout.measured.conditioning import condition
 from gtlayout.measured.measurables import NotMeasurableError, measurable_of
-from gtlayout.measurement import NAMED, SURE, ElementName, Measurement
+from gtlayout.measurement import NAMED, PULL, SURE, ElementName, Measurement
 from gtlayout.method import with_measurements
 from gtlayout.results.tables import measurement_lines
 from gtlayout.scene import FloatArray
@@ -94,16 +94,16 @@ def test_the_limit_is_where_one_of_a_hundred_right_ones_lies() -> None:
 
 
 def test_what_could_be_a_slip_moves_nothing_by_more_than_its_sigma() -> None:
-    """Two σ from the video: it may be right, and counts so much less that the height moves by one σ of both."""
+    """Two σ from the video: it may be right, and counts so much less that the height moves by .8 σ of both."""
     video = 0.02 * np.sqrt(2)
     both = np.hypot(video, 0.003)
     measured = replace(HEIGHT, value=rooms.HEIGHT_M + 2 * both)
     solution = with_measurements(solution_of(0.02, measured))
     (checked,) = solution.layout.measurements
     assert checked.used and checked.held_back
-    assert checked.counted_sigma == pytest.approx(np.hypot(0.003, both), rel=0.03)
-    assert length(solution, "height")[0] - rooms.HEIGHT_M == pytest.approx(video**2 / both, rel=0.03)
-    assert length(solution, "height")[1] == pytest.approx(video / np.sqrt(2), rel=0.03)
+    assert checked.counted_sigma == pytest.approx(np.hypot(0.003, both * np.sqrt(2 / PULL - 1)), rel=0.03)
+    assert length(solution, "height")[0] - rooms.HEIGHT_M == pytest.approx(PULL * video**2 / both, rel=0.03)
+    assert length(solution, "height")[1] == pytest.approx(video * np.sqrt(1 - PULL / 2), rel=0.03)
     assert checked.hidden_slip == pytest.approx(NAMED * both, rel=1e-3)
     (line, *_) = measurement_lines(solution.layout)
     assert line.endswith("could hide a slip of up to 12.0 cm; measure it a second time")

@@ -220,17 +220,17 @@ def test_what_to_measure_next_brings_most_to_the_level() -> None:
 
 
 def test_a_dimension_that_can_be_checked_goes_first() -> None:
-    """All share a scale of .45 %, so any brings all to LOA30. The longest tells most, but would hide a slip of 5 cm."""
+    """All share a scale, so any brings all to LOA30. The longest tells most, but would hide the largest slip."""
     room = room_of(rooms.BOX)
     lengths = np.zeros(24)
     lengths[[7, 15, 23]] = rooms.HEIGHT_M, rooms.WIDTH_M, rooms.DEPTH_M
-    for share, kind in ((0.0045, "height"), (0.006, "width")):
+    for share, checked in ((0.0045, True), (0.006, False)):
         taken = take_dimensions(room, share**2 * np.outer(lengths, lengths) + offsets(6, 1e-4), 30)
         following = taken.next_measurement
         assert following is not None
         proposed = taken.dimensions[following.dimension]
-        assert (proposed.kind, following.reached) == (kind, 3)
-        assert (NAMED * np.hypot(proposed.sigma, TAPE_SIGMA_M) <= GROSS_M) is np.bool_(kind == "height")
+        assert (proposed.kind, following.reached) == ("height", 3)
+        assert (NAMED * np.hypot(proposed.sigma, TAPE_SIGMA_M) <= GROSS_M) == checked
 
 
 def test_without_a_unit_nothing_has_a_level_and_the_best_known_length_is_proposed() -> None:

@@ -13,6 +13,8 @@ from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M
 from gtlayout.scene import BoolArray, FloatArray
 
 _LEAST_GAIN = 1e-9
+_WORTH = 0.5
+"""Where nothing can be checked, that which brings so much of the most that any would, and hides the smallest slip."""
 
 
 def next_measurement(
@@ -52,8 +54,14 @@ def next_measurement(
     checkable = np.array([_checkable(each).sum() for each in after])
     now = _checkable(before)
     useful = now & ((reached > within.sum()) | (checkable > now.sum()))
-    among = np.nonzero(useful)[0] if useful.any() else own
-    chosen = max(among.tolist(), key=lambda i: (reached[i], checkable[i], gains[i]))
+    brought = reached - within.sum()
+    if useful.any():
+        chosen = max(np.nonzero(useful)[0].tolist(), key=lambda i: (reached[i], checkable[i], gains[i]))
+    elif brought.any():
+        worth = np.nonzero(brought >= _WORTH * brought.max())[0]
+        chosen = min(worth.tolist(), key=lambda i: (float(np.round(np.log(before[i]), 6)), -gains[i]))
+    else:
+        chosen = max(own.tolist(), key=lambda i: gains[i])
     return NextMeasurement(known[chosen], int(within.sum()), int(reached[chosen]), len(taken))
 
 

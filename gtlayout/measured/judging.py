@@ -35,14 +35,14 @@ class Judged:
     sigma: FloatArray
     """(M,) σ of the difference from it."""
     added: FloatArray
-    """(M,) variance that is added to each so that it moves nothing by more than one σ."""
+    """(M,) variance that is added to each so that it moves nothing by more than ``PULL`` σ."""
 
 
 def judge(of_video: FloatArray, noise: FloatArray, residual: FloatArray, used: BoolArray) -> Judged:
     """Judge measurements by all others that are ``used``.
 
-    One that lies between one σ and ``SURE`` from its prediction may be right, or off by a slip that cannot be told
-    from what the video has wrong. It counts so much less that it alone moves nothing by more than one σ. A second
+    One that lies between ``PULL`` σ and ``SURE`` from its prediction may be right, or off by a slip that cannot be told
+    from what the video has wrong. It counts so much less that it alone moves nothing by more than ``PULL`` σ. A second
     measurement that agrees changes that: then the others know better.
 
     Args:
