@@ -16,7 +16,7 @@ SURE = 2.576
 """A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
 NAMED = SURE + 1.645
 """A slip of so many σ is named in 95 of 100 cases."""
-PULL = 0.8
+PULL = 0.65
 """A measurement moves what predicts it by so many σ at most: less than one, as it also changes what others count as."""
 
 

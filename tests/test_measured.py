@@ -46,9 +46,9 @@ def length(solution: Solution, kind: str) -> tuple[float, float]:
 
 def test_one_measured_length_is_the_weighted_mean_and_both_planes_share_the_change() -> None:
     """Two planes with σ 2 cm each: σ of their distance is 2.83 cm, and the tape has 3 mm."""
-    solution = with_measurements(solution_of(0.02, replace(HEIGHT, value=2.52)))
+    solution = with_measurements(solution_of(0.02, replace(HEIGHT, value=2.51)))
     prior, tape = 2 * 0.02**2, 0.003**2
-    moved = 0.02 * prior / (prior + tape)
+    moved = 0.01 * prior / (prior + tape)
     found, sigma = length(solution, "height")
     assert found == pytest.approx(rooms.HEIGHT_M + moved, abs=1e-6)
     assert sigma == pytest.approx(np.sqrt(prior * tape / (prior + tape)), rel=1e-3)
@@ -94,7 +94,7 @@ def test_the_limit_is_where_one_of_a_hundred_right_ones_lies() -> None:
 
 
 def test_what_could_be_a_slip_moves_nothing_by_more_than_its_sigma() -> None:
-    """Two σ from the video: it may be right, and counts so much less that the height moves by .8 σ of both."""
+    """Two σ from the video: it may be right, and counts so much less that the height moves by ``PULL`` σ of both."""
     video = 0.02 * np.sqrt(2)
     both = np.hypot(video, 0.003)
     measured = replace(HEIGHT, value=rooms.HEIGHT_M + 2 * both)
@@ -206,10 +206,10 @@ def test_angles_count_in_degrees() -> None:
     """Left and far wall turn by σ 1° each about the vertical: their angle has 1.41°, and the set square .5°."""
     turn = np.zeros((24, 24))
     turn[9, 9] = turn[16, 16] = np.deg2rad(1.0) ** 2
-    measured = Measurement("angle", ("wall_2", "wall_4"), 91.0, 0.5)
+    measured = Measurement("angle", ("wall_2", "wall_4"), 90.9, 0.5)
     solution = with_measurements(solution_of(0.0, measured, covariance=turn + offsets(6, 1e-3)))
     a, b = solution.planes[2].normal, solution.planes[4].normal
-    assert np.rad2deg(np.arccos(a @ b)) == pytest.approx(90 + 2 / (2 + 0.25), abs=1e-3)
+    assert np.rad2deg(np.arccos(a @ b)) == pytest.approx(90 + 0.9 * 2 / (2 + 0.25), abs=1e-3)
     (checked,) = solution.layout.measurements
     assert (checked.predicted, checked.predicted_sigma) == pytest.approx((90.0, np.sqrt(2)))
 
