@@ -19,16 +19,15 @@ from common.metrics import Metric, write_tables
 from common.runner import SceneRows, run_scenes, scenes_by_folder
 from gtlayout.accuracy import UPPER_ENDS_M
 from gtlayout.config import Config
-from gtlayout.dimensions.next_measurement import TAPE_SIGMA_M
 from gtlayout.errors import GtlayoutError
 from gtlayout.evaluation.instance_scores import centroid_world, match_instances
 from gtlayout.geometry.polygons import polygons
 from gtlayout.geometry.rays import depth_on_plane
 from gtlayout.instances import Dimension, PlaneFrame
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.io.truth import TruePlane, read_truth
+from gtlayout.io.truth import TruePlane, Truth, read_truth
 from gtlayout.layout import Layout
-from gtlayout.measurement import MEASURED_AS, MeasuredKind, Measurement
+from gtlayout.measurement import MEASURED_AS, TAPE_SIGMA_M, MeasuredKind, Measurement
 from gtlayout.method import solve, with_measurements
 from gtlayout.scene import BoolArray, FloatArray
 from gtlayout.solution import Solution
@@ -38,6 +37,8 @@ MEASURED = 3
 """So many dimensions are measured by hand, each the one that gtlayout proposes."""
 FALSE_M = 0.05
 """How far off one of them is made."""
+OF_MEASURING = ("measured", "false", "at its limit", "twice")
+"""Rows that are not of a dimension."""
 app = new_app("dimension_accuracy", __doc__)
 
 
@@ -76,7 +77,11 @@ def measure(folder: Path) -> SceneRows:
     truth = read_truth(scene)
     if truth is None or not scene.metric:
         raise GtlayoutError(f"{folder}: no gt_planes.json in metres, so nothing to compare dimensions with")
-    solution = solve(scene, Config(loa=LOA))
+    return compare(solve(scene, Config(loa=LOA)), truth, zlib.crc32(folder.name.encode()))
+
+
+def compare(solution: Solution, truth: Truth, seed: int) -> SceneRows:
+    """The same for a scene that is solved already; ``seed`` is of the errors of the tape."""
     named = match_instances(solution.layout, truth)
     true = {index: truth.planes[name] for name, index in named.items() if truth.planes[name].scored}
     rows: SceneRows = {}
@@ -84,7 +89,7 @@ def measure(folder: Path) -> SceneRows:
         length = true_length(one, true)
         if np.isfinite(length):
             rows[_name(solution.layout, one)] = _of_dimension(one, length)
-    rng = np.random.default_rng(zlib.crc32(folder.name.encode()))
+    rng = np.random.default_rng(seed)
     measurements = _measured_by_hand(solution, true, rng)
     if measurements:
         better = _with(solution, measurements)
@@ -93,7 +98,12 @@ def measure(folder: Path) -> SceneRows:
             _plain("within after", _share_within(better.layout)),
             _plain("named", float(np.mean([not one.used for one in better.layout.measurements]))),
         ]
-        rows["false"] = _falsified(solution, measurements, int(rng.integers(len(measurements))))
+        which = int(rng.integers(len(measurements)))
+        rows["false"] = _falsified(solution, measurements, which, FALSE_M)
+        hidden = better.layout.measurements[which].hidden_slip
+        rows["at its limit"] = _falsified(solution, measurements, which, hidden if np.isfinite(hidden) else FALSE_M)
+        again = [replace(one, value=one.value + rng.normal(0, np.sqrt(2) * TAPE_SIGMA_M)) for one in measurements]
+        rows["twice"] = _falsified(solution, [*measurements, *again], which, FALSE_M)
     return rows
 
 
@@ -148,8 +158,10 @@ def _of_dimension(one: Dimension, length: float) -> list[Metric]:
 
 
 def _measured_by_hand(solution: Solution, true: dict[int, TruePlane], rng: np.random.Generator) -> list[Measurement]:
-    """The dimensions that gtlayout proposes one after the other, as a tape measures them; the most uncertain of those
-    that the truth knows where the proposal is not among them or nothing is proposed.
+    """The dimensions that gtlayout proposes one after the other, as a tape measures them.
+
+    Where the truth does not know the proposal, the most uncertain of those it knows; where nothing is left to propose,
+    the most certain, which checks the others best.
     """
     measurements: list[Measurement] = []
     now = solution
@@ -165,7 +177,8 @@ def _measured_by_hand(solution: Solution, true: dict[int, TruePlane], rng: np.ra
             break
         following = layout.next_measurement
         proposed = None if following is None else layout.dimensions[following.dimension]
-        chosen = next((one for one in known if one is proposed), max(known, key=lambda one: one.sigma))
+        instead = min(known, key=lambda one: one.sigma) if proposed is None else max(known, key=lambda one: one.sigma)
+        chosen = next((one for one in known if one is proposed), instead)
         kind, names, _ = _measurement_of(layout, chosen, 1.0)
         value = true_length(chosen, true) + rng.normal(0, TAPE_SIGMA_M)
         measurements.append(Measurement(kind, names, value, TAPE_SIGMA_M))
@@ -179,10 +192,10 @@ def _measurement_of(layout: Layout, one: Dimension, value: float) -> tuple[Measu
     return kind, tuple(names) if kind == "between" else (names[1],), value
 
 
-def _falsified(solution: Solution, measurements: Sequence[Measurement], which: int) -> list[Metric]:
-    """One measurement off by ``FALSE_M``: is it named, is another, and how far does it drag planes, in their σ?"""
+def _falsified(solution: Solution, measurements: Sequence[Measurement], which: int, slip_m: float) -> list[Metric]:
+    """One measurement off by ``slip_m``: is it named, is another, and how far does it drag planes, in their σ?"""
     wrong = list(measurements)
-    wrong[which] = replace(wrong[which], value=wrong[which].value + FALSE_M)
+    wrong[which] = replace(wrong[which], value=wrong[which].value + slip_m)
     others = [one for number, one in enumerate(measurements) if number != which]
     dragged, without = _with(solution, wrong), _with(solution, others)
     used = [one.used for one in dragged.layout.measurements]
@@ -191,13 +204,15 @@ def _falsified(solution: Solution, measurements: Sequence[Measurement], which: i
         if plane.observable and not without.layout.extents[i].region.is_empty:
             centroid = centroid_world(without.layout.extents[i])
             other = dragged.layout.planes[i]
-            moved = abs(float(other.normal @ centroid) + other.d)
+            moved = abs(float((other.normal - plane.normal) @ centroid) + other.d - plane.d)
             drag = max(drag, moved / float(plane.sigma_offset(centroid)))
     checked = dragged.layout.measurements[which]
     return [
         _plain("is named", float(not used[which])),
         _plain("another named", float(not all(used[:which] + used[which + 1 :]))),
-        _plain("deviations of it", checked.deviations),
+        _plain("held back", float(checked.held_back)),
+        _plain("slip", slip_m),
+        _plain("hidden slip", checked.hidden_slip),
         _plain("drag", drag),
     ]
 
@@ -216,12 +231,12 @@ def summary(scenes: Sequence[SceneRows]) -> list[Metric]:
     def values(label: str, key: str) -> FloatArray:
         return np.array([m.value for rows in scenes for m in rows.get(label, []) if m.key == key])
 
-    dimensions = [row for rows in scenes for label, row in rows.items() if label not in ("measured", "false")]
+    dimensions = [row for rows in scenes for label, row in rows.items() if label not in OF_MEASURING]
     error, deviations, called, true = (
         np.array([m.value for row in dimensions for m in row if m.key == key])
         for key in ("error", "deviations", "called", "true")
     )
-    drag, named = values("false", "drag"), values("false", "is named")
+    drag, named, hidden = (values("false", key) for key in ("drag", "is named", "hidden slip"))
     return [
         _plain("dimensions", len(error)),
         Metric("median error", _median(error), "m", False),
@@ -234,9 +249,17 @@ def summary(scenes: Sequence[SceneRows]) -> list[Metric]:
         Metric("right measurements named", _mean(values("measured", "named")), "", False),
         Metric(f"{100 * FALSE_M:g} cm off: named", _mean(named), "", True),
         Metric("… another one named", _mean(values("false", "another named")), "", False),
-        _plain("… could be seen (beyond 3.6 σ)", _mean(values("false", "deviations of it") > 3.6)),
+        _plain("… held back", _mean(values("false", "held back"))),
+        _plain("… could hide, median, m", _median(hidden)),
+        Metric("… of those that could not hide it: named", _mean(named[hidden <= FALSE_M]), "", True),
+        _plain("… so many", float(np.count_nonzero(hidden <= FALSE_M))),
         Metric("… largest drag of a plane, median, σ", _median(drag), "", False),
+        Metric("… largest of all, σ", float(np.max(drag, initial=0.0)), "", False),
         Metric("… drag above 1 σ", _mean(drag > 1), "", False),
+        Metric("off by what it could hide: named", _mean(values("at its limit", "is named")), "", True),
+        Metric(f"{100 * FALSE_M:g} cm off, each measured twice: named", _mean(values("twice", "is named")), "", True),
+        Metric("… its second or another one named", _mean(values("twice", "another named")), "", False),
+        Metric("… with drag above 1 σ", _mean(values("twice", "drag") > 1), "", False),
     ]
 
 

@@ -5,6 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
+TAPE_SIGMA_M = 0.003
+"""σ of a length measured with a tape or a laser."""
+GROSS_M = 0.05
+"""A slip of a reading that a measurement should not be able to hide: a line of the tape misread."""
+SURE = 2.576
+"""A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
+NAMED = SURE + 1.645
+"""A slip of so many σ is named in 95 of 100 cases."""
+PULL = 0.65
+"""A measurement moves what predicts it by so many σ at most: less than one, as it also changes what others count as."""
+
+
+def held_back_by(deviations: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Variance to add to measurements so many σ from their prediction, so that they move it by ``PULL`` σ at most."""
+    return np.asarray(sigma**2 * np.maximum(deviations / PULL - 1, 0.0))
+
+
 MeasuredKind = Literal["between", "width", "height", "sill", "angle", "points"]
 MEASURED_AS: dict[str, MeasuredKind] = {
     "height": "between",
@@ -78,8 +98,28 @@ class Checked:
     @property
     def deviations(self) -> float:
         """How far it lies from the prediction, in σ of both together; NaN when nothing else predicts it."""
-        both = (self.predicted_sigma**2 + self.measurement.sigma**2) ** 0.5
-        return abs(self.measurement.value - self.predicted) / both
+        return abs(self.measurement.value - self.predicted) / self._both
+
+    @property
+    def hidden_slip(self) -> float:
+        """A slip of its reading that is named in 95 of 100 cases: smaller ones may hide. NaN when nothing predicts."""
+        return NAMED * self._both
+
+    @property
+    def counted_sigma(self) -> float:
+        """The σ with which it counts: larger than its own where it would move all else by more than ``PULL`` σ."""
+        added = float(held_back_by(np.array(self.deviations), np.array(self._both)))
+        return float(np.hypot(self.measurement.sigma, added**0.5)) if np.isfinite(added) else self.measurement.sigma
+
+    @property
+    def held_back(self) -> bool:
+        """Whether it is used, but counts less than its σ says."""
+        return self.used and self.deviations > PULL
+
+    @property
+    def _both(self) -> float:
+        """σ of the difference of measurement and prediction."""
+        return float(np.hypot(self.predicted_sigma, self.measurement.sigma))
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from gtlayout.camera_errors.models import camera_errors, corrected
 from gtlayout.camera_errors.noise import PoseNoise, noisy
 from gtlayout.camera_errors.observations import Observations, frames_seen, observe
 from gtlayout.camera_errors.path import CameraPath
+from gtlayout.camera_errors.propagate import camera_response
 from gtlayout.camera_errors.reprojection import DIMENSIONS, linearise
 from gtlayout.camera_errors.wording import camera_error_lines
 from gtlayout.config import Config
@@ -243,6 +244,33 @@ def test_the_size_of_pose_noise_is_learned() -> None:
     np.testing.assert_allclose(learned.smooth, smooth, rtol=0.5)
     np.testing.assert_allclose(learned.white[0], white[0], rtol=0.2)
     assert np.all(learned.white >= least.white)
+
+
+def test_noise_is_compared_by_all_of_its_sizes() -> None:
+    usual = PoseNoise.between(np.arange(5), 8.0, np.array([4.0, 9.0]), np.array([1.0, 2.0]))
+    assert usual.times(3.0).size_in(usual) == pytest.approx(3.0)
+    assert replace(usual, smooth=usual.smooth * [25.0, 1.0]).size_in(usual) == pytest.approx(np.sqrt(28 / 4))
+
+
+def test_how_far_cameras_may_be_off_is_what_their_noise_says(simulated: Room, tracks: Tracks) -> None:
+    """Depths are known better by cameras without noise than by those with it, or if all counted as usual."""
+
+    def shares(scene: Scene, config: CameraErrorConfig) -> float:
+        rays, triangulation = triangulate(scene, tracks, TriangulationConfig()), TriangulationConfig()
+        doubt = find_camera_errors(scene, tracks, config, triangulation, 0)
+        response = camera_response(scene, scene, tracks, tracks, rays, doubt, triangulation, config, 0)
+        return float(np.median(np.linalg.norm(response.rho_share, axis=1)))
+
+    def noisy_scene(rotation_deg: float, position_m: float) -> Scene:
+        errors = CameraErrors(rotation_deg, position_m)
+        cameras = disturb_cameras(tuple(cameras_of(simulated)), errors, np.random.default_rng(0))
+        return with_cameras(simulated.scene, cameras)
+
+    config = CameraErrorConfig()
+    exact, typical, poor = (shares(noisy_scene(*noise), config) for noise in ((0, 0), (0.05, 0.003), (0.15, 0.01)))
+    one_for_all = replace(config, exact_noise_share=1.0, floor_shares=(1.0, 1.0))
+    assert exact < 0.6 * shares(simulated.scene, one_for_all)
+    assert 1.3 * exact < typical and 1.5 * typical < poor
 
 
 def test_what_takes_part(simulated: Room, tracks: Tracks, some: Observations) -> None:

@@ -13,13 +13,13 @@ from scipy.linalg import block_diag
 
 from gtlayout.accuracy import SIGMAS_95, accuracy_of, level_of
 from gtlayout.dimensions.areas import quantities
-from gtlayout.dimensions.next_measurement import TAPE_SIGMA_M
+from gtlayout.dimensions.drawing_noise import USUAL_SIGMA_PX
 from gtlayout.dimensions.openings import opening_dimensions
-from gtlayout.dimensions.solved_room import SIGMA_DRAWN_PX, SolvedRoom
+from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.dimensions.take import all_dimensions, by_neighbours, surface_accuracy, take_dimensions
 from gtlayout.instances import Plane, Support
 from gtlayout.measured.fuse import as_measured
-from gtlayout.measurement import Checked, Measurement
+from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M, Checked, Measurement
 from gtlayout.scene import FloatArray, KeyFrame
 
 CAMERA = rooms.level_camera([2.0, 1.0, 1.25], focal=400.0, width=640, height=480)
@@ -117,7 +117,7 @@ def test_a_floor_that_ends_where_nobody_looked_is_not_closed_and_as_uncertain_as
     )
     # A camera 1.25 m up and 3 m away: a pixel of y is z² / (f h) along the floor.
     assert room.drawn_sigma(0, middle, np.array([0.0, 1.0, 0.0])) == pytest.approx(
-        SIGMA_DRAWN_PX * 9 / (400 * 1.25), rel=1e-5
+        USUAL_SIGMA_PX * 9 / (400 * 1.25), rel=1e-5
     )
 
 
@@ -130,7 +130,7 @@ def test_a_window_is_measured_with_its_sill() -> None:
     sill = found["sill"][0]
     assert (sill.first, sill.second) == (0, 6)
     # 4 m away a pixel is 1 cm; two ends that are drawn apart. The window lies in its wall, so no reveal hides a part.
-    assert found["opening width"][1].drawn_sigma == pytest.approx(np.sqrt(2) * SIGMA_DRAWN_PX * 0.01)
+    assert found["opening width"][1].drawn_sigma == pytest.approx(np.sqrt(2) * USUAL_SIGMA_PX * 0.01)
     # The whole picture of a window that is 1 cm further away is larger: 1.2 m / 4 m.
     gradient = found["opening width"][1].gradient
     assert gradient[4 * 6 + 3] == pytest.approx(1.2 / 4.0)
@@ -141,7 +141,7 @@ def test_what_lies_behind_its_wall_is_as_uncertain_as_what_a_reveal_hides() -> N
     back = replace(WINDOW, corners=WINDOW.corners + np.array([0.0, 0.1, 0.0]))
     room = room_of((*rooms.BOX, back))
     found = {one.kind: measured for one, measured in opening_dimensions(room)}
-    drawn = SIGMA_DRAWN_PX * 4.1 / 400
+    drawn = USUAL_SIGMA_PX * 4.1 / 400
     left, right = ((2.0 - 1.6) / 4.1, (2.8 - 2.0) / 4.1)
     hidden = [0.1 * slope / np.sqrt(3) for slope in (left, right)]
     assert found["opening width"].drawn_sigma == pytest.approx(np.linalg.norm([drawn, drawn, *hidden]))
@@ -246,6 +246,20 @@ def test_a_door_is_where_its_wall_is() -> None:
         wall = replace(room.planes[4], support=Support(tracks=tracks, contact_edges=2))
         room = replace(room, planes=[*room.planes[:4], wall, room.planes[5]])
         assert by_neighbours(room, 5) is expected
+
+
+def test_a_dimension_that_can_be_checked_goes_first() -> None:
+    """All share a scale, so any brings all to LOA30. The longest tells most, but would hide the largest slip."""
+    room = room_of(rooms.BOX)
+    lengths = np.zeros(24)
+    lengths[[7, 15, 23]] = rooms.HEIGHT_M, rooms.WIDTH_M, rooms.DEPTH_M
+    for share, checked in ((0.0045, True), (0.006, False)):
+        taken = take_dimensions(room, share**2 * np.outer(lengths, lengths) + offsets(6, 1e-4), 30)
+        following = taken.next_measurement
+        assert following is not None
+        proposed = taken.dimensions[following.dimension]
+        assert (proposed.kind, following.reached) == ("height", 3)
+        assert (NAMED * np.hypot(proposed.sigma, TAPE_SIGMA_M) <= GROSS_M) == checked
 
 
 def test_without_a_unit_nothing_has_a_level_and_the_best_known_length_is_proposed() -> None:

@@ -1,4 +1,4 @@
-"""Which dimension to measure by hand next: the one after which most others are known well enough."""
+"""Which dimension to measure by hand next: one that can be checked, after which most others are known well enough."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 from gtlayout.accuracy import accuracy_of
 from gtlayout.dimensions.facing import Taken
 from gtlayout.instances import NextMeasurement
+from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M
 from gtlayout.scene import BoolArray, FloatArray
 
-TAPE_SIGMA_M = 0.003
-"""σ of a length measured with a tape or a laser."""
 _LEAST_GAIN = 1e-9
+_WORTH = 0.5
+"""Where nothing can be checked, that which brings so much of the most that any would, and hides the smallest slip."""
 
 
 def next_measurement(
@@ -21,7 +22,9 @@ def next_measurement(
 ) -> NextMeasurement | None:
     """The dimension whose measurement brings most dimensions to the wanted level; None when all are there.
 
-    Among equals the one that makes all together most certain. Where the unit of the scene is not known, the dimension
+    Of those that are known well enough for a slip of ``GROSS_M`` to stand out, if one of them brings any to that level,
+    or makes more of them checkable: so each measurement can be judged by those before it. Among equals the one that
+    makes all together most certain. Where the unit of the scene is not known, the dimension
     that is known best as a share of itself: it gives the scene its unit with the smallest σ.
 
     Args:
@@ -48,9 +51,24 @@ def next_measurement(
     # Rounded: of dimensions that differ by nothing but rounding the first is proposed.
     gains = np.round(np.log(before / np.maximum(after, _LEAST_GAIN * before)).sum(axis=1), 6)
     reached = np.array([_within(each, wanted_loa).sum() for each in after])
-    chosen = max(own.tolist(), key=lambda i: (reached[i], gains[i]))
+    checkable = np.array([_checkable(each).sum() for each in after])
+    now = _checkable(before)
+    useful = now & ((reached > within.sum()) | (checkable > now.sum()))
+    brought = reached - within.sum()
+    if useful.any():
+        chosen = max(np.nonzero(useful)[0].tolist(), key=lambda i: (reached[i], checkable[i], gains[i]))
+    elif brought.any():
+        worth = np.nonzero(brought >= _WORTH * brought.max())[0]
+        chosen = min(worth.tolist(), key=lambda i: (float(np.round(np.log(before[i]), 6)), -gains[i]))
+    else:
+        chosen = max(own.tolist(), key=lambda i: gains[i])
     return NextMeasurement(known[chosen], int(within.sum()), int(reached[chosen]), len(taken))
 
 
 def _within(variances: FloatArray, wanted_loa: int) -> BoolArray:
     return np.array([accuracy_of(float(np.sqrt(v)), wanted_loa).status == "within" for v in variances], dtype=bool)
+
+
+def _checkable(variances: FloatArray) -> BoolArray:
+    """Where a slip of ``GROSS_M`` in a measurement would be named."""
+    return np.asarray(NAMED * np.sqrt(variances + TAPE_SIGMA_M**2) <= GROSS_M)

@@ -3,9 +3,6 @@
 The planes after the video are normally distributed, with the joint covariance of stage 4, which also holds what no
 factor of the graph does: wrong cameras, and the weights of the solve. So measurements join after the solve, as one
 factor each on that distribution; the logarithm of the scale is one more unknown.
-
-Reference for the test: each measurement against its prediction by all others and the video, from the inverse of the
-residuals' covariance, as Baarda's data snooping in geodesy ("A testing procedure for use in geodetic networks", 1968).
 """
 
 from __future__ import annotations
@@ -16,13 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtlayout.dimensions.measurable import Measurable
+from gtlayout.measured.judging import judge
 from gtlayout.measurement import Checked, Measurement
 from gtlayout.scene import BoolArray, FloatArray
 
-SURE = 2.576
-"""A measurement that lies further from its prediction, in σ of both, contradicts it. One of 100 right ones does."""
-_TIE = 1.05
-"""Nothing tells which of two measurements is wrong when they are nearly as far off as each other."""
 _ROUNDS = 3
 """Of Gauss and Newton: the logarithm of a length is not linear in the planes."""
 _NO_SCALE = 10.0
@@ -51,7 +45,8 @@ def condition(
     """Planes and scale given measurements.
 
     Measurements that contradict the video and all others are found one by one, the worst first, and not used. Where two
-    contradict each other and nothing else tells which is wrong, neither is used.
+    contradict each other and nothing else tells which is wrong, neither is used. Of those that are used none moves
+    anything by more than its σ without it: see ``judging.judge``.
 
     Args:
         covariance: (4S, 4S) joint covariance of all planes, NaN for those that are not placed.
@@ -67,20 +62,17 @@ def condition(
     rows, noise, residual = _linearised(measurements, measurables, lengths, len(prior))
     known = np.isfinite(np.diag(prior))
     prior_known, rows = prior[np.ix_(known, known)], rows[:, known]
-    spread = rows @ prior_known @ rows.T + np.diag(noise)
+    of_video = rows @ prior_known @ rows.T
     start = 0.0
     while True:
         if scale_sigma_share is None:
             if not (lengths & used).any():
                 return None
             start = float(np.median(residual[lengths & used]))
-        off = residual - start * lengths
-        predicted, sigma = _left_out(spread, off, used)
-        deviations = np.abs(off - predicted) / sigma
-        worst = _contradicting(np.where(used, deviations, 0.0))
-        if not worst.any():
+        judged = judge(of_video, noise, residual - start * lengths, used)
+        if not judged.contradicting.any():
             break
-        used &= ~worst
+        used &= ~judged.contradicting
     chosen = np.nonzero(used)[0].tolist()
     moved, posterior = np.zeros(len(prior)), np.full_like(prior, np.nan)
     for _ in range(_ROUNDS):
@@ -88,13 +80,14 @@ def condition(
         rows, noise_then, residual = _linearised([measurements[i] for i in chosen], at, lengths[chosen], len(prior))
         innovation = residual - start * lengths[chosen] + rows[:, :-1] @ moved[:-1]
         rows = rows[:, known]
-        gain = np.linalg.solve(rows @ prior_known @ rows.T + np.diag(noise_then), rows @ prior_known).T
+        spread = rows @ prior_known @ rows.T + noise_then + np.diag(judged.added[chosen])
+        gain = np.linalg.solve(spread, rows @ prior_known).T
         moved[known] = gain @ innovation
         after = prior_known - gain @ rows @ prior_known
         posterior[np.ix_(known, known)] = (after + after.T) / 2
     scale = float(np.exp(start + moved[-1]))
     checked = tuple(
-        _checked(one, measurables[i], start * lengths[i] + predicted[i], sigma[i], bool(used[i]))
+        _checked(one, measurables[i], start * lengths[i] + judged.predicted[i], judged.sigma[i], bool(used[i]))
         for i, one in enumerate(measurements)
     )
     return Posterior(moved[:-1], scale, posterior, checked)
@@ -111,37 +104,28 @@ def _prior(covariance: FloatArray, scale_sigma_share: float | None) -> FloatArra
 def _linearised(
     measurements: Sequence[Measurement], measurables: Sequence[Measurable], lengths: BoolArray, unknowns: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(M, 4S + 1) derivatives, (M,) variances and residuals: of the logarithm of lengths, of angles in radians."""
-    rows, noise, residual = [], [], []
+    """(M, 4S + 1) derivatives, (M, M) noise and (M,) residuals: of the logarithm of lengths, of angles in radians."""
+    rows, noise, drawn, residual = [], [], [], []
     for one, of, is_length in zip(measurements, measurables, lengths, strict=True):
         if is_length:
             rows.append(np.append(of.gradient / of.value, 1.0))
-            noise.append((one.sigma / one.value) ** 2 + (of.drawn_sigma / of.value) ** 2)
+            noise.append((one.sigma / one.value) ** 2)
+            drawn.append(of.drawn_sigma / of.value)
             residual.append(np.log(one.value / of.value))
         else:
             rows.append(np.append(of.gradient, 0.0))
             noise.append(np.deg2rad(one.sigma) ** 2)
+            drawn.append(0.0)
             residual.append(np.deg2rad(one.value) - of.value)
-    return np.array(rows).reshape(-1, unknowns), np.array(noise), np.array(residual)
-
-
-def _left_out(spread: FloatArray, residual: FloatArray, used: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """(M,) each residual as all others that are used predict it, and the σ of the difference."""
-    predicted, sigma = np.zeros(len(residual)), np.zeros(len(residual))
-    for i in range(len(residual)):
-        others = used.copy()
-        others[i] = False
-        by = np.linalg.solve(spread[np.ix_(others, others)], spread[others, i]) if others.any() else np.empty(0)
-        predicted[i] = by @ residual[others]
-        sigma[i] = np.sqrt(max(spread[i, i] - by @ spread[others, i], 1e-30))
-    return predicted, sigma
-
-
-def _contradicting(deviations: FloatArray) -> BoolArray:
-    """(M,) the one that is furthest off, of those too far; with it those as far."""
-    worst = deviations.max(initial=0.0)
-    chosen: BoolArray = (deviations > SURE) & (deviations * _TIE >= worst)
-    return chosen
+    # What is drawn of a door is off alike however often the door is measured.
+    same = np.array(
+        [
+            [(a.kind, a.instances, a.points) == (b.kind, b.instances, b.points) for b in measurements]
+            for a in measurements
+        ]
+    )
+    of_drawing = np.outer(drawn, drawn) * same.reshape(len(drawn), len(drawn))
+    return np.array(rows).reshape(-1, unknowns), np.diag(noise) + of_drawing, np.array(residual)
 
 
 def _checked(measurement: Measurement, of: Measurable, residual: float, sigma: float, used: bool) -> Checked:

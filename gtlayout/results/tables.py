@@ -15,6 +15,7 @@ from gtlayout.evaluation.evaluate import Evaluation
 from gtlayout.figures import NOTHING, figure, percent, short, sigma_figure, with_sigma
 from gtlayout.instances import Dimension, DimensionKind, Quantity
 from gtlayout.layout import Layout
+from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M, Checked
 from gtlayout.quality.assess import Quality
 from gtlayout.quality.headline import Headline, element_name
 from gtlayout.scene import Scene
@@ -122,12 +123,29 @@ def measurement_lines(layout: Layout) -> list[str]:
         digits = 1 if hand.kind == "angle" else 3
         says = with_sigma(one.predicted, one.predicted_sigma, digits, f" {hand.unit}")
         of_others = f"everything else says {says}" if math.isfinite(one.predicted) else "gives the scene its unit"
-        verdict = "" if one.used else ": NOT USED, it contradicts that; measure it again"
-        lines.append(f"measured {hand.name}: {figure(hand.value, digits, f' {hand.unit}')}, {of_others}{verdict}")
+        lines.append(f"measured {hand.name}: {figure(hand.value, digits, f' {hand.unit}')}, {of_others}{_verdict(one)}")
     if layout.scale is not None and layout.scale.gave_unit:
         sigma = percent(layout.scale.sigma_share, 1)
         lines.append(f"scale by what was measured: 1 unit of the cameras = {short(layout.scale.factor)} m ± {sigma}")
     return [*lines, *next_line(layout)]
+
+
+def _verdict(one: Checked) -> str:
+    """What everything else makes of a measurement, and what slip of its reading that could not show."""
+    if not one.used:
+        return ": NOT USED, it contradicts that; measure it again"
+    if not math.isfinite(one.predicted):
+        return ": nothing else checks it; measure a second length"
+    slip = _slip(one.hidden_slip, one.measurement.unit)
+    if one.held_back:
+        digits, unit = (1, "°") if one.measurement.kind == "angle" else (3, " m")
+        counted = figure(one.counted_sigma, digits, unit)
+        return f": held back, it counts as ± {counted} and could hide a slip of up to {slip}; measure it a second time"
+    return f"; it could hide a slip of up to {slip}"
+
+
+def _slip(amount: float, unit: str) -> str:
+    return figure(amount, 1, unit) if unit == "°" else figure(100 * amount, 1, " cm")
 
 
 def next_line(layout: Layout) -> list[str]:
@@ -140,7 +158,11 @@ def next_line(layout: Layout) -> list[str]:
     if not layout.metric:
         return [f"measure {what}: it would give the scene its unit"]
     wanted = next((each.accuracy.wanted for each in layout.dimensions if each.accuracy), 0)
-    return [f"measure {what}: it would bring {one.reached} of {one.of} dimensions to LOA{wanted} ({one.within} now)"]
+    hidden_m = NAMED * math.hypot(dimension.sigma, TAPE_SIGMA_M)
+    brings = f"it would bring {one.reached} of {one.of} dimensions to LOA{wanted} ({one.within} now)"
+    if hidden_m <= GROSS_M:
+        return [f"measure {what}: {brings}"]
+    return [f"measure {what}, twice: {brings}; read once it could hide a slip of up to {_slip(hidden_m, ' m')}"]
 
 
 def dimension_of(layout: Layout, one: Dimension) -> str:
