@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,10 @@ import numpy as np
 import pytest
 
 from gtlayout.io.files import write_json_atomic
+from gtlayout.io.scene_folder import load_scene
+from gtlayout.method import solve
+from gtlayout.scene import Scene
+from gtlayout.solution import Solution
 from gtlayout.synth import SynthConfig, synthesize
 
 pytest_plugins = ("annotate_server", "browser", "serving", "web_viewer")
@@ -76,3 +81,36 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("synthetic") / "room"
     synthesize(folder, SynthConfig(frames=24, width=320, height=240))
     return folder
+
+
+@pytest.fixture(scope="session")
+def room_solution(room: Path) -> Solution:
+    """That room solved with default settings, once for all tests."""
+    return solve(load_scene(room))
+
+
+@pytest.fixture(scope="session")
+def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Solved in half the time; a door, a window, an occlusion edge in each key frame, the usual errors of a hand."""
+    folder = tmp_path_factory.mktemp("small") / "room"
+    synthesize(
+        folder, SynthConfig(seed=3, room="l-shaped", frames=11, key_every=5, width=240, height=180, oversample=1)
+    )
+    return folder
+
+
+@pytest.fixture(scope="session")
+def office_part() -> Scene:
+    """The first four key frames of the real clip."""
+    clip = SHARED_DATA / "office"
+    if not clip.is_dir():
+        pytest.skip("real clip office is not beside the checkout")
+    whole = load_scene(clip)
+    key_frames = whole.key_frames[:4]
+    return replace(whole, frames=whole.frames[: key_frames[-1].frame + 3], key_frames=key_frames)
+
+
+@pytest.fixture(scope="session")
+def office_solution(office_part: Scene) -> Solution:
+    """The same solved."""
+    return solve(office_part)

@@ -178,10 +178,10 @@ class _BlasThreads(Observer):
         self.seen |= {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
 
 
-def test_a_solve_takes_one_thread_of_blas_for_the_same_bytes_on_every_machine(room: Path) -> None:
+def test_a_solve_takes_one_thread_of_blas_for_the_same_bytes_on_every_machine(small_room: Path) -> None:
     observer = _BlasThreads()
     with threadpool_limits(limits=2, user_api="blas"):
-        gtlayout.solve(gtlayout.load(room), observer=observer)
+        gtlayout.solve(gtlayout.load(small_room), observer=observer)
         after = _BlasThreads()
         after.stage("after")
     assert observer.seen == {1}
