@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from gtlayout.config import Config
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import solve
+from gtlayout.scene import Scene
 from gtlayout.solution import Solution
 from gtlayout.synth import SynthConfig, synthesize
 
@@ -84,5 +86,32 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def room_solution(room: Path) -> Solution:
-    """The small synthetic room, solved with its cameras as they are."""
-    return solve(load_scene(room), Config(refine_cameras=False))
+    """That room solved with default settings, once for all tests."""
+    return solve(load_scene(room))
+
+
+@pytest.fixture(scope="session")
+def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Solved in half the time; a door, a window, an occlusion edge in each key frame, the usual errors of a hand."""
+    folder = tmp_path_factory.mktemp("small") / "room"
+    synthesize(
+        folder, SynthConfig(seed=3, room="l-shaped", frames=11, key_every=5, width=240, height=180, oversample=1)
+    )
+    return folder
+
+
+@pytest.fixture(scope="session")
+def office_part() -> Scene:
+    """The first four key frames of the real clip."""
+    clip = SHARED_DATA / "office"
+    if not clip.is_dir():
+        pytest.skip("real clip office is not beside the checkout")
+    whole = load_scene(clip)
+    key_frames = whole.key_frames[:4]
+    return replace(whole, frames=whole.frames[: key_frames[-1].frame + 3], key_frames=key_frames)
+
+
+@pytest.fixture(scope="session")
+def office_solution(office_part: Scene) -> Solution:
+    """The same solved."""
+    return solve(office_part)

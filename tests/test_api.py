@@ -184,11 +184,11 @@ class _Watching(Observer):
 
 
 @pytest.fixture(scope="module")
-def watched(room: Path) -> tuple[_Watching, _Watching]:
+def watched(small_room: Path) -> tuple[_Watching, _Watching]:
     """What was seen during a solve, and after it."""
     observer, after = _Watching(), _Watching()
     with threadpool_limits(limits=2, user_api="blas"):
-        gtlayout.solve(gtlayout.load(room), observer=observer)
+        gtlayout.solve(gtlayout.load(small_room), observer=observer)
         after.stage("after")
     return observer, after
 

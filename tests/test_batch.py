@@ -192,8 +192,8 @@ class TestRestarts:
         assert record.failure == "died"
         assert not (tmp_path / "scenes" / "a" / "layout.json").exists()
 
-    def test_parts_solved_apart_come_to_what_all_come_to_together(self, room: Path) -> None:
-        scene, config = load_scene(room), Config(restarts=3)
+    def test_parts_solved_apart_come_to_what_all_come_to_together(self, small_room: Path) -> None:
+        scene, config = load_scene(small_room), Config(restarts=3)
         together = solve(scene, config)
         apart = [solve(scene, config, restarts=restarts) for restarts in (range(1), range(1, 3))]
         best = max(apart, key=lambda solution: solution.quality.iou)

@@ -14,19 +14,11 @@ import calibration
 from calibration import Row
 from common.metrics import Metric, read_rows
 from common.runner import scenes_by_folder
-from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.instances import Plane
 from gtlayout.io.files import write_json_atomic
-from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
-from gtlayout.method import solve
 from gtlayout.solution import Solution
-
-
-@pytest.fixture(scope="module")
-def solved(room: Path) -> Solution:
-    return solve(load_scene(room), Config())
 
 
 def row(
@@ -86,7 +78,8 @@ def test_a_small_room_end_to_end(
     assert (out / "planes.csv").read_bytes() == before
 
 
-def test_figures_are_those_of_the_verdict(solved: Solution) -> None:
+def test_figures_are_those_of_the_verdict(room_solution: Solution) -> None:
+    solved = room_solution
     """σ of the depth at the centroid is what the verdict was made from; the error is against the truth's depth."""
     truth = read_truth(solved.scene)
     assert truth is not None

@@ -139,11 +139,12 @@ def test_without_an_upright_direction_nothing_is_closed_and_that_is_said() -> No
     assert "not closed" in closed.scene.warnings[-1]
 
 
-def test_files_hold_a_layer_of_their_own_and_no_figure_counts_it(room: Path, tmp_path: Path) -> None:
-    solution = gtlayout.solve(gtlayout.load(room))
-    closed = gtlayout.close(solution)
-    assert closed.quality is solution.quality
-    gtlayout.save(solution, tmp_path / "open")
+def test_files_hold_a_layer_of_their_own_and_no_figure_counts_it(
+    room: Path, room_solution: Solution, tmp_path: Path
+) -> None:
+    closed = gtlayout.close(room_solution)
+    assert closed.quality is room_solution.quality
+    gtlayout.save(room_solution, tmp_path / "open")
     gtlayout.save(closed, tmp_path / "closed")
     assert (tmp_path / "open" / "quality.json").read_bytes() == (tmp_path / "closed" / "quality.json").read_bytes()
     files = [json.loads((tmp_path / name / "layout.json").read_text()) for name in ("open", "closed")]

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from camera_writers import write_colmap_binary, writer_of
-from conftest import SHARED_DATA
 from label_studio_writer import write_label_studio
 
 from gtlayout.config import Config
@@ -34,7 +33,6 @@ from gtlayout.layout import Layout
 from gtlayout.method import solve
 from gtlayout.scene import OPENINGS, Scene
 from gtlayout.solution import Solution
-from gtlayout.synth import SynthConfig, synthesize
 
 CAMERAS: dict[str, CameraWriter] = {
     **{str(name): write for name, write in CAMERA_WRITERS.items()},
@@ -46,7 +44,6 @@ ANNOTATIONS: dict[str, AnnotationWriter] = {
     **{str(name): write for name, write in ANNOTATION_WRITERS.items()},
     "label-studio": write_to("label_studio.json", write_label_studio),
 }
-OFFICE = SHARED_DATA / "office"
 SAME = 1e-6
 """Of poses, intrinsics and normals; of d relative to 1 m."""
 WITHOUT_OCCLUSION_EDGES = ("coco",)
@@ -63,13 +60,8 @@ of a pixel, Label Studio per cent, of which the last bit may decide on a sampled
 
 
 @pytest.fixture(scope="module")
-def original(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    """Small, and quick to solve; a door, a window, an occlusion edge in each key frame, the usual errors of a hand."""
-    folder = tmp_path_factory.mktemp("matrix") / "room"
-    synthesize(
-        folder, SynthConfig(seed=3, room="l-shaped", frames=11, key_every=5, width=240, height=180, oversample=1)
-    )
-    return load_scene(folder)
+def original(small_room: Path) -> Scene:
+    return load_scene(small_room)
 
 
 @pytest.fixture(scope="module")
@@ -169,19 +161,10 @@ def test_real_clips_in_every_format(real_clip: Path, tmp_path: Path, cameras: Ca
         assert all(a.amodal.equals(b.amodal) for a, b in zip(key.elements, expected.elements, strict=True))
 
 
-@pytest.fixture(scope="module")
-def office() -> tuple[Scene, Solution]:
-    """The real clip, solved."""
-    if not OFFICE.is_dir():
-        pytest.skip("real clip office is not beside the checkout")
-    scene = load_scene(OFFICE)
-    return scene, solve(scene, Config())
-
-
-def test_a_real_clip_solves_to_the_same_figures(office: tuple[Scene, Solution], tmp_path: Path) -> None:
+def test_a_real_clip_solves_to_the_same_figures(office_part: Scene, office_solution: Solution, tmp_path: Path) -> None:
     """From quaternions and cameras in another frame; what is read of all formats is compared above."""
-    scene, expected = office
-    write_scene(scene, tmp_path / "office_0", "colmap", "native")
+    expected = office_solution
+    write_scene(office_part, tmp_path / "office_0", "colmap", "native")
     solution = solve(load_scene(tmp_path / "office_0"), Config())
     angle_deg, offset_m = _difference(solution.layout, expected.layout)
     assert len(solution.layout.planes) == len(expected.layout.planes)

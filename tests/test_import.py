@@ -15,7 +15,6 @@ import pytest
 from videos import cvat_video, write_video
 
 from gtlayout.cli.app import main
-from gtlayout.config import Config
 from gtlayout.importing import importing
 from gtlayout.io.annotations.cvat.writer import write_cvat
 from gtlayout.io.cameras.colmap.reader import write_colmap
@@ -24,7 +23,8 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.truth import read_truth
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
-from gtlayout.scene import LABELS, Scene, scaled
+from gtlayout.scene import LABELS, scaled
+from gtlayout.solution import Solution
 from gtlayout.synth import SynthConfig, synthesize
 
 
@@ -32,13 +32,13 @@ def _import(*arguments: Path | str) -> int:
     return main(["import", *map(str, arguments)])
 
 
-def _planes(scene: Scene) -> list[tuple[str, list[float]]]:
-    layout = solve(scene, Config()).layout
+def _planes(solution: Solution) -> list[tuple[str, list[float]]]:
+    layout = solution.layout
     named = zip(layout.instances, layout.planes, strict=True)
     return [(instance.name, [*plane.normal.tolist(), plane.d]) for instance, plane in named]
 
 
-def test_a_scene_in_parts_becomes_one(room: Path, tmp_path: Path) -> None:
+def test_a_scene_in_parts_becomes_one(room: Path, room_solution: Solution, tmp_path: Path) -> None:
     """COLMAP cameras, annotations of another tool that lie elsewhere, labels in other words."""
     scene = load_scene(room)
     source, elsewhere = tmp_path / "source", tmp_path / "elsewhere"
@@ -56,19 +56,21 @@ def test_a_scene_in_parts_becomes_one(room: Path, tmp_path: Path) -> None:
     assert [p.name for p in sorted((tmp_path / "out").iterdir())] == [
         "annotations.json", "images", "scene.json", "transforms.json",
     ]  # fmt: skip
-    expected = dict(_planes(scene))
-    for name, plane in _planes(imported):
+    expected = dict(_planes(room_solution))
+    for name, plane in _planes(solve(imported)):
         np.testing.assert_allclose(plane, expected[name], atol=2e-3)  # CVAT keeps two decimals of a pixel
     for before, after in zip(scene.frames, imported.frames, strict=True):
         assert before.image_path.read_bytes() == after.image_path.read_bytes()
 
 
-def test_depth_truth_and_unit_come_along(room: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_depth_truth_and_unit_come_along(
+    room: Path, room_solution: Solution, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     assert _import(room, tmp_path / "out") == 0
     assert capfd.readouterr().out.startswith(f"Scene: {tmp_path / 'out'}\nnext: gtlayout ")
     before, after = load_scene(room), load_scene(tmp_path / "out")
     assert after.metric
-    for (name, plane), (other_name, other) in zip(_planes(before), _planes(after), strict=True):
+    for (name, plane), (other_name, other) in zip(_planes(room_solution), _planes(solve(after)), strict=True):
         assert name == other_name
         np.testing.assert_allclose(plane, other, atol=1e-9)
     truths = [read_truth(scene) for scene in (before, after)]

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 import shapely
-from conftest import SHARED_DATA
 from scipy.spatial.transform import Rotation
 
 from gtlayout.io.scene_folder import load_scene
@@ -25,29 +24,13 @@ Members = frozenset[tuple[str, str]]
 
 
 @pytest.fixture(scope="module")
-def scene(room: Path) -> Scene:
-    return load_scene(room)
+def scene(small_room: Path) -> Scene:
+    return load_scene(small_room)
 
 
 @pytest.fixture(scope="module")
 def solution(scene: Scene) -> Solution:
     return solve(scene)
-
-
-@pytest.fixture(scope="module")
-def office() -> Scene:
-    """The first four key frames of the real clip."""
-    clip = SHARED_DATA / "office"
-    if not clip.is_dir():
-        pytest.skip("real clip office is not beside the checkout")
-    whole = load_scene(clip)
-    key_frames = whole.key_frames[:4]
-    return replace(whole, frames=whole.frames[: key_frames[-1].frame + 3], key_frames=key_frames)
-
-
-@pytest.fixture(scope="module")
-def office_solution(office: Scene) -> Solution:
-    return solve(office)
 
 
 def moved(scene: Scene, scale: float = 1.0, turn: FloatArray | None = None, shift: float = 0.0) -> Scene:
@@ -147,8 +130,8 @@ def test_how_drawings_are_written_changes_no_plane(
     assert found[:, :4].max() < 1e-9
 
 
-def test_all_of_that_together_changes_nothing_of_a_real_clip(office: Scene, office_solution: Solution) -> None:
-    rewritten = office
+def test_all_of_that_together_changes_nothing_of_a_real_clip(office_part: Scene, office_solution: Solution) -> None:
+    rewritten = office_part
     for change in REWRITTEN.values():
         rewritten = redrawn(rewritten, change)
     found = differences(office_solution, solve(rewritten))
@@ -157,9 +140,9 @@ def test_all_of_that_together_changes_nothing_of_a_real_clip(office: Scene, offi
 
 @pytest.mark.parametrize(("scale", "turn", "shift"), [(7.3, TURN, 1e4), (1e-3, None, 0.0)])
 def test_world_and_unit_change_nothing_of_a_real_clip(
-    office: Scene, office_solution: Solution, scale: float, turn: FloatArray | None, shift: float
+    office_part: Scene, office_solution: Solution, scale: float, turn: FloatArray | None, shift: float
 ) -> None:
-    other = solve(moved(office, scale, turn, shift))
+    other = solve(moved(office_part, scale, turn, shift))
     assert differences(office_solution, other, scale, turn)[:, :4].max() < 1e-6
 
 
@@ -212,15 +195,15 @@ def test_frames_that_are_there_twice_change_nothing(scene: Scene, solution: Solu
     assert set(np.unique(other.tracks.frame)) <= set(range(0, len(frames), 2))
 
 
-def test_png_for_jpeg_changes_nothing(office: Scene, office_solution: Solution, tmp_path: Path) -> None:
+def test_png_for_jpeg_changes_nothing(office_part: Scene, office_solution: Solution, tmp_path: Path) -> None:
     frames = []
-    for frame in office.frames:
+    for frame in office_part.frames:
         png = tmp_path / f"{Path(frame.name).stem}.png"
         pixels = cv2.imread(str(frame.image_path))
         assert pixels is not None
         cv2.imwrite(str(png), pixels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
         frames.append(replace(frame, image_path=png))
-    other = solve(replace(office, frames=tuple(frames)))
+    other = solve(replace(office_part, frames=tuple(frames)))
     assert differences(office_solution, other)[:, 4].max() < 1e-9
 
 

@@ -15,7 +15,6 @@ import pytest
 from conftest import SHARED_DATA
 from videos import number_in, pictures, write_video
 
-from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.cameras.re10k import read_cameras, write_re10k
 from gtlayout.io.pixels.exports import write_jpeg
@@ -25,6 +24,7 @@ from gtlayout.io.scene_folder import load_scene
 from gtlayout.io.writing.scene_writers import write_scene
 from gtlayout.method import solve
 from gtlayout.scene import Camera, Frame, ImageArray, Scene
+from gtlayout.solution import Solution
 from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.track import track
 
@@ -253,8 +253,8 @@ def clip_with_video(room: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     return root
 
 
-def test_a_room_solves_from_its_video(room: Path, clip_with_video: Path) -> None:
-    images, video = (solve(load_scene(root), Config()) for root in (room, clip_with_video))
+def test_a_room_solves_from_its_video(room_solution: Solution, clip_with_video: Path) -> None:
+    images, video = room_solution, solve(load_scene(clip_with_video))
     assert [one.label for one in video.layout.instances] == [one.label for one in images.layout.instances]
     for a, b in zip(images.layout.planes, video.layout.planes, strict=True):
         assert np.degrees(np.arccos(np.clip(a.normal @ b.normal, -1, 1))) < 0.3

@@ -18,13 +18,12 @@ from shapely import MultiPolygon, Polygon
 
 from common.metrics import Metric
 from common.solve_again import solve_again
-from gtlayout.api import load, save
+from gtlayout.api import save
 from gtlayout.check.annotations import gaps
 from gtlayout.cli.app import main
 from gtlayout.cli.console import print_findings, stdout
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.scene_folder import load_scene
-from gtlayout.method import solve
 from gtlayout.results.names import REVIEW_FILE
 from gtlayout.results.review_file import read_review, review_text
 from gtlayout.review.config import ReviewConfig
@@ -38,9 +37,9 @@ from simulated.wrong_drawings import SHIFTS_PX, WrongDrawing, wrong_drawings
 
 
 @pytest.fixture(scope="module")
-def solution(room: Path) -> Solution:
+def solution(room_solution: Solution) -> Solution:
     """Of a synthetic room whose drawings are right."""
-    return solve(load(room))
+    return room_solution
 
 
 @pytest.fixture(scope="module")

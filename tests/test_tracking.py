@@ -19,7 +19,7 @@ from gtlayout.scene import BoolArray, Camera, Element, FloatArray, Frame, ImageA
 from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.follow import infinite_homography
 from gtlayout.tracking.klt import PairTracker
-from gtlayout.tracking.sampling import sample_points, texture_sigma_px
+from gtlayout.tracking.sampling import _corners, sample_points, texture_sigma_px
 from gtlayout.tracking.sobol import sobol_points
 from gtlayout.tracking.track import track
 from gtlayout.tracking.tracks import Tracks
@@ -369,3 +369,26 @@ def test_reach_and_progress(clip: Clip) -> None:
     found = track(clip.scene, replace(CONFIG, max_frames=2), seed=0, progress=lambda *step: steps.append(step))
     assert set(np.unique(found.frame)) == {2, 3, 4, 5, 6}
     assert steps == [(0, 1), (1, 1)]
+
+
+@pytest.mark.parametrize(
+    "box",
+    [(0, 0, 40, 40), (150, 20, 213, 100), (40, 60, 170, 161), (0, 0, 213, 161), (90, 90, 91, 91), (64, 64, 128, 128)],
+)
+def test_corners_of_a_part_are_those_of_the_whole_image(box: tuple[int, int, int, int]) -> None:
+    """Looked for around the part only; the image is no whole number of steps wide or high."""
+    config = TrackingConfig()
+    noise = np.random.default_rng(0).integers(0, 255, (161, 213), dtype=np.uint8)
+    image: ImageArray = cv2.GaussianBlur(noise, (0, 0), 1.5).astype(np.uint8)
+    mask = np.zeros(image.shape, dtype=bool)
+    mask[box[1] : box[3], box[0] : box[2]] = True
+    of_all = cv2.goodFeaturesToTrack(
+        image,
+        maxCorners=0,
+        qualityLevel=config.corner_quality,
+        minDistance=config.corner_distance_px,
+        mask=mask.astype(np.uint8),
+        blockSize=config.corner_block_px,
+    )
+    expected = np.empty((0, 2)) if of_all is None else of_all.reshape(-1, 2) + 0.5
+    np.testing.assert_array_equal(_corners(image, mask, config), expected)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from gtlayout.geometry.polygons import homogeneous
 from gtlayout.scene import Camera, FloatArray, IntArray
 from gtlayout.tracking.features import Features
 
@@ -17,6 +17,8 @@ _LEAST_DEPTH = 0.01
 _TINY = 1e-12
 _SINGLE_PX = 0.1
 """More than single precision loses in a distance of two points in an image."""
+_AT_ONCE = 512
+"""Pairs of descriptors."""
 _DECIMALS = 9
 """To these decimals descriptors are equally far on every processor, for any order of summation."""
 
@@ -56,10 +58,10 @@ class Segments:
         """
         (x, y), (start_x, start_y) = self.along.T, self.start_px.T
         # Products of all segments with all points take most of the time: single precision narrows them down.
-        points = points_px.astype(np.float32)
-        distance = np.column_stack([-y, x]).astype(np.float32) @ points.T - _column(x * start_y - y * start_x)
+        lines = np.column_stack([-y, x, y * start_x - x * start_y]).astype(np.float32)
+        distance = lines @ homogeneous(points_px).astype(np.float32).T
         candidate = np.flatnonzero(np.abs(distance, out=distance) < tolerance_px + _SINGLE_PX)
-        segment, point = np.divmod(candidate, len(points))
+        segment, point = np.divmod(candidate, len(points_px))
         offset = points_px[point] - self.start_px[segment]
         aside = x[segment] * offset[:, 1] - y[segment] * offset[:, 0]
         forward = np.sum(self.along[segment] * offset, axis=1)
@@ -93,7 +95,7 @@ class EpipolarMatcher:
         tolerance_px = self.tolerance_sigmas * sigma_px
         lines = Segments.of(key.points_px[wanted], key_camera, camera, self.nearest)
         row, column = lines.near(other.points_px, tolerance_px)
-        distance = _distance(key.descriptors[wanted[row]], other.descriptors[column])
+        distance = _distance(key, wanted[row], other, column)
         best, least, second = _two_best(len(wanted), row, column, distance, other.points_px)
         found = least < self.max_ratio * np.minimum(second, 1.0)
         index, partner = wanted[found], best[found]
@@ -102,7 +104,7 @@ class EpipolarMatcher:
         elsewhere = np.linalg.norm(key.points_px[index[row]] - key.points_px[column], axis=1) > _SAME_PLACE_PX
         row, column = row[elsewhere], column[elsewhere]
         rival = np.full(len(index), np.inf)
-        np.minimum.at(rival, row, _distance(other.descriptors[partner[row]], key.descriptors[column]))
+        np.minimum.at(rival, row, _distance(other, partner[row], key, column))
         mutual = least[found] < rival
         return index[mutual], partner[mutual]
 
@@ -118,14 +120,14 @@ def _in_front(far_z: FloatArray, slope_z: float, most: float) -> tuple[FloatArra
     return (np.maximum(low, crossing), high) if slope_z > 0 else (low, np.minimum(high, crossing))
 
 
-def _column(values: FloatArray) -> npt.NDArray[np.float32]:
-    return values.astype(np.float32)[:, None]
-
-
-def _distance(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> FloatArray:
-    """(n,) distances of unit descriptors, pair by pair."""
-    alike = np.round(np.sum(a.astype(np.float64) * b, axis=1), _DECIMALS)
-    return np.sqrt(np.maximum(2.0 - 2.0 * alike, 0.0))
+def _distance(a: Features, of_a: IntArray, b: Features, of_b: IntArray) -> FloatArray:
+    """(n,) distances of the descriptors of features ``of_a`` of one image and ``of_b`` of another, pair by pair."""
+    alike = np.empty(len(of_a))
+    # So many at a time stay in the processor's cache.
+    for start in range(0, len(alike), _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        alike[part] = np.sum(a.descriptors[of_a[part]].astype(np.float64) * b.descriptors[of_b[part]], axis=1)
+    return np.sqrt(np.maximum(2.0 - 2.0 * np.round(alike, _DECIMALS), 0.0))
 
 
 def _two_best(

@@ -9,9 +9,14 @@ from shapely import MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
 from gtlayout.geometry.raster import fill, rings_of
-from gtlayout.scene import Element, FloatArray, ImageArray
+from gtlayout.scene import BoolArray, Element, FloatArray, ImageArray
 from gtlayout.tracking.config import TrackingConfig
 from gtlayout.tracking.sobol import sobol_points
+
+_AROUND = 4
+"""Pixels beyond the window of the corner measure that it depends on: gradients, and neighbours that may be greater."""
+_ALIGNED = 64
+"""Steps of the borders of what is looked at: OpenCV computes whole vectors of pixels, and their rests otherwise."""
 
 
 def sampled_region(element: Element, config: TrackingConfig) -> BaseGeometry:
@@ -33,17 +38,9 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     if region.is_empty:
         return np.empty((0, 2))
     mask = fill(rings_of(MultiPolygon([region]) if region.geom_type == "Polygon" else region), height, width)
-    corners = cv2.goodFeaturesToTrack(
-        image,
-        maxCorners=0,
-        qualityLevel=config.corner_quality,
-        minDistance=config.corner_distance_px,
-        mask=mask.astype(np.uint8),
-        blockSize=config.corner_block_px,
-    )
-    if corners is None:
+    corners_px = _corners(image, mask, config)
+    if len(corners_px) == 0:
         return np.empty((0, 2))
-    corners_px = corners.reshape(-1, 2).astype(np.float64) + 0.5
     wanted = min(max(1, round(region.area / config.spacing_px**2)), config.max_cells)
     left, top, right, bottom = region.bounds
     # Sobol points fill the bounding box; those inside the region are its even cover.
@@ -59,6 +56,28 @@ def sample_points(image: ImageArray, element: Element, config: TrackingConfig, s
     rank = np.arange(len(cell)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
     chosen: FloatArray = corners_px[np.sort(order[rank < config.corners_per_cell])]
     return chosen
+
+
+def _corners(image: ImageArray, mask: BoolArray, config: TrackingConfig) -> FloatArray:
+    """(N, 2) corners within the (H, W) mask, px, best first; looked for around it only."""
+    rows, columns = (np.nonzero(mask.any(axis=axis))[0] for axis in (1, 0))
+    if len(rows) == 0:
+        return np.empty((0, 2))
+    low = [max(0, at[0] - config.corner_block_px - _AROUND) // _ALIGNED * _ALIGNED for at in (rows, columns)]
+    high = [-(-(at[-1] + config.corner_block_px + _AROUND) // _ALIGNED) * _ALIGNED for at in (rows, columns)]
+    around = np.s_[low[0] : high[0], low[1] : high[1]]
+    corners = cv2.goodFeaturesToTrack(
+        np.ascontiguousarray(image[around]),
+        maxCorners=0,
+        qualityLevel=config.corner_quality,
+        minDistance=config.corner_distance_px,
+        mask=mask[around].astype(np.uint8),
+        blockSize=config.corner_block_px,
+    )
+    if corners is None:
+        return np.empty((0, 2))
+    found: FloatArray = corners.reshape(-1, 2).astype(np.float64) + np.array([low[1] + 0.5, low[0] + 0.5])
+    return found
 
 
 def texture_sigma_px(image: ImageArray, points_px: FloatArray, config: TrackingConfig) -> FloatArray:
