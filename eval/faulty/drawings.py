@@ -193,8 +193,26 @@ CASES = (
         ("annotated in another size",),
     ),
     case("wrong axes", "x and y swapped", polygons(lambda r: r[:, ::-1]), 3, ("000000.jpg",)),
-    case("wrong axes", "x and y swapped, solved", polygons(lambda r: r[:, ::-1]), 0, ("REDO: IoU",), SOLVE, "room"),
-    case("mirrored", "all drawings", polygons(lambda r: [160, 0] + [-1, 1] * r), 0, ("REDO: IoU",), SOLVE, "room"),
+    case(
+        "wrong axes",
+        "x and y swapped, solved",
+        polygons(lambda r: r[:, ::-1]),
+        0,
+        ("REDO: IoU",),
+        SOLVE,
+        "room",
+        slow=True,
+    ),
+    case(
+        "mirrored",
+        "all drawings",
+        polygons(lambda r: [160, 0] + [-1, 1] * r),
+        0,
+        ("REDO: IoU",),
+        SOLVE,
+        "room",
+        slow=True,
+    ),
     case(
         "wrong axes",
         "all drawings upside down",
@@ -217,8 +235,11 @@ CASES = (
         ("CHECK: floor_1, ceiling_1 are unobservable",),
         SOLVE,
         "room",
+        slow=True,
     ),
-    case("swapped", "the drawings of two images", drawings(frames_swapped), 0, ("REDO: IoU",), SOLVE, "room"),
+    case(
+        "swapped", "the drawings of two images", drawings(frames_swapped), 0, ("REDO: IoU",), SOLVE, "room", slow=True
+    ),
     case(
         "swapped",
         "all labels are wall",
@@ -227,6 +248,7 @@ CASES = (
         ("REDO: IoU", "are unobservable"),
         SOLVE,
         "room",
+        slow=True,
     ),
     case(
         "one frame",
@@ -263,6 +285,7 @@ CASES = (
         ("CHECK", "no instance is ok", "predicted doubtful"),
         SOLVE,
         "room",
+        slow=True,
     ),
     case(
         "no visible parts",
@@ -272,6 +295,7 @@ CASES = (
         ("CHECK", "no visible parts drawn"),
         SOLVE,
         "room",
+        slow=True,
     ),
     case(
         "no visible parts",
@@ -288,6 +312,7 @@ CASES = (
         ("REDO: IoU", "floor_0 is unobservable"),
         SOLVE,
         "room",
+        slow=True,
     ),
     case(
         "across the horizon",

@@ -6,7 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from faulty.case import Room
-from gtlayout.cli.app import main
+from gtlayout.api import load, save
+from gtlayout.method import solve
+from gtlayout.results.names import FOLDER
 from gtlayout.synth import SynthConfig, synthesize
 
 _SMALL = SynthConfig(frames=7, key_every=3, width=96, height=72, oversample=1, hfov_deg=80.0)
@@ -26,5 +28,5 @@ def make_room(room: Room, folder: Path) -> Path:
     """Make a room in ``folder``, which is new."""
     synthesize(folder, CONFIGS[room])
     if room == "solved":
-        assert main(["solve", str(folder), "--json"]) == 0
+        save(solve(load(folder)), folder / FOLDER, findings=())
     return folder

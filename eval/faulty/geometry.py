@@ -85,6 +85,7 @@ CASES = (
         poses(lambda _, m: np.linalg.inv(m)),
         0,
         ("REDO: depth is known to 10 % for only 0 %",),
+        slow=True,
     ),
     case(
         "mirrored",
@@ -92,6 +93,7 @@ CASES = (
         poses(lambda _, m: MIRROR @ m @ MIRROR),
         0,
         ("REDO: depth is known to 10 % for only 0 %",),
+        slow=True,
     ),
     case(
         "out of order",
@@ -99,6 +101,7 @@ CASES = (
         cameras(names_rotated),
         0,
         ("REDO: depth is known to 10 % for only 0 %",),
+        slow=True,
     ),
     case(
         "huge",
@@ -113,6 +116,7 @@ CASES = (
         pose(1, entry(0, 3, 1e3)),
         0,
         ("CHECK", "1 of 9 cameras are elsewhere and were skipped"),
+        slow=True,
     ),
     case(
         "huge",
@@ -120,6 +124,7 @@ CASES = (
         single(1e5),
         0,
         ("CHECK", "camera positions come in steps of 0.0078"),
+        slow=True,
     ),
     case(
         "huge",
@@ -148,6 +153,7 @@ CASES = (
         pose(4, entry(0, 3, 1e6)),
         0,
         ("CHECK", "1 of 9 cameras are elsewhere and were skipped", "000004.jpg"),
+        slow=True,
     ),
     case(
         "huge",
@@ -169,6 +175,7 @@ CASES = (
         moved(1000),
         0,
         ("CHECK: the scene counts as metric", "that looks like millimetres"),
+        slow=True,
     ),
     case(
         "wrong unit",
@@ -183,6 +190,7 @@ CASES = (
         moved(0.001),
         0,
         ("CHECK: the scene counts as metric", "no room is that size"),
+        slow=True,
     ),
     case(
         "wrong unit",
@@ -190,6 +198,7 @@ CASES = (
         moved(1e-6),
         0,
         ("CHECK: the scene counts as metric", "no room is that size"),
+        slow=True,
     ),
     case(
         "one plane",
@@ -204,6 +213,7 @@ CASES = (
         two_labels("floor", "ceiling"),
         0,
         ("CHECK", "no instance is ok", "predicted doubtful"),
+        slow=True,
     ),
     case(
         "one plane",
@@ -211,6 +221,7 @@ CASES = (
         two_labels("wall", "door", "window"),
         0,
         ("CHECK", "no instance is ok", "predicted doubtful"),
+        slow=True,
     ),
     case(
         "one plane",
@@ -218,6 +229,7 @@ CASES = (
         two_labels("door", "window"),
         0,
         ("REDO: IoU", "are unobservable"),
+        slow=True,
     ),
     case(
         "all tracks lost",
@@ -225,6 +237,7 @@ CASES = (
         each(strips),
         0,
         ("CHECK", "no instance is ok", "predicted doubtful"),
+        slow=True,
     ),
     case("grazing", "a floor seen edge-on", each(sliver), 0, ("REDO: IoU", "redraw floor_0")),
     case(

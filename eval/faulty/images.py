@@ -77,7 +77,9 @@ CASES: tuple[Case, ...] = (
     case("truncated", "half of an image", cut(FREE), 3, (FREE, "damaged, or not an image; the frame is stepped over")),
     case("truncated", "half of an annotated image", cut(ANNOTATED), 3, (ANNOTATED, "it is annotated: mend it")),
     case("truncated", "half of an annotated image, solved", cut(ANNOTATED), 1, (ANNOTATED,), ("solve", "SCENE")),
-    case("truncated", "half of another image, solved", cut(FREE), 0, ("000001.jpg",), ("solve", "SCENE", "-v")),
+    case(
+        "truncated", "half of another image, solved", cut(FREE), 0, ("000001.jpg",), ("solve", "SCENE", "-v"), slow=True
+    ),
     case("truncated", "an empty file", put(FREE, b""), 3, (FREE, "damaged, or not an image")),
     case("no such file", "text", put(FREE, "no picture"), 3, (FREE, "damaged, or not an image")),
     case("zero", "a black image", pixels(ANNOTATED, lambda i: 0 * i), 3, ("000003.jpg: annotated, but nearly black",)),
@@ -111,6 +113,7 @@ CASES: tuple[Case, ...] = (
         each_image(lambda i: cv2.resize(i, None, fx=4, fy=4)),
         3,
         ("were scaled",),
+        slow=True,
     ),
     case("duplicated", "all images are one picture", one_picture, 3, ("7 files hold the same picture",)),
     case(

@@ -49,6 +49,7 @@ CASES = (
         ("solve", "SCENE", "--out", "HERE/disk/out"),
         "room",
         way="full disk",
+        slow=True,
     ),
     case(
         "disk full",
@@ -68,6 +69,7 @@ CASES = (
         ("cannot write", "No space left on device"),
         ("synth", "HERE/disk/room", "--frames", "24", "--width", "160", "--height", "120"),
         way="full disk",
+        slow=True,
     ),
     case(
         "disk full",
@@ -78,6 +80,7 @@ CASES = (
         ("import", "SCENE", "HERE/disk/copy"),
         "room",
         way="full disk",
+        slow=True,
     ),
     case(
         "disk full",
@@ -107,6 +110,7 @@ CASES = (
         ("cannot write", "File too large"),
         ("synth", "HERE/new", "--frames", "4", "--width", "320", "--height", "240"),
         way="small files",
+        slow=True,
     ),
     case(
         "read-only",
@@ -117,6 +121,7 @@ CASES = (
         SOLVE_HERE,
         "room",
         way="nobody",
+        slow=True,
     ),
     case(
         "another user",
@@ -127,6 +132,7 @@ CASES = (
         SOLVE,
         "room",
         way="nobody",
+        slow=True,
     ),
     case(
         "another user",
@@ -137,6 +143,7 @@ CASES = (
         SOLVE_HERE,
         "solved",
         way="nobody",
+        slow=True,
     ),
     case(
         "no permission",
@@ -155,6 +162,7 @@ CASES = (
         ("annotations.json", "Permission denied"),
         ("check", "SCENE"),
         way="nobody",
+        slow=True,
     ),
     case(
         "no permission",
@@ -192,6 +200,7 @@ CASES = (
         ("evaluate", "SCENE"),
         "solved",
         way="nobody",
+        slow=True,
     ),
     case(
         "missing",
@@ -200,6 +209,7 @@ CASES = (
         1,
         ("cannot write", "is not there"),
         ("solve", "SCENE", "--out", "HERE/none/out"),
+        slow=True,
     ),
     case("missing", "the scene's folder", nothing, 1, ("no scene folder",), ("check", "HERE/none")),
     case(
@@ -218,7 +228,16 @@ CASES = (
         ("is a file, where a folder is wanted",),
         ("check", "SCENE/images/000000.jpg"),
     ),
-    case("swapped", "results go through a dangling link", link("out", "nowhere/at/all"), 0, ("CHECK",), SOLVE, "room"),
+    case(
+        "swapped",
+        "results go through a dangling link",
+        link("out", "nowhere/at/all"),
+        0,
+        ("CHECK",),
+        SOLVE,
+        "room",
+        slow=True,
+    ),
     case(
         "swapped",
         "a link that leads to itself",
@@ -236,7 +255,7 @@ CASES = (
         ("exists and is not an empty folder",),
         ("import", "SCENE", "SCENE"),
     ),
-    case("two runs", "into one folder at the same time", nothing, 0, ("CHECK",), SOLVE, "room", way="two"),
+    case("two runs", "into one folder at the same time", nothing, 0, ("CHECK",), SOLVE, "room", way="two", slow=True),
     case(
         "two runs",
         "import into one folder at the same time",
@@ -246,6 +265,17 @@ CASES = (
         ("import", "SCENE", "HERE/out"),
         "room",
         way="two",
+        slow=True,
     ),
-    case("interrupted", "by Ctrl-C", nothing, 130, ("gtlayout: interrupted",), SOLVE, "room", way="interrupted"),
+    case(
+        "interrupted",
+        "by Ctrl-C",
+        nothing,
+        130,
+        ("gtlayout: interrupted",),
+        SOLVE,
+        "room",
+        way="interrupted",
+        slow=True,
+    ),
 )

@@ -58,6 +58,7 @@ CASES = (
         ("floor_7",),
         ("solve", "SCENE", "-v"),
         "room",
+        slow=True,
     ),
     measured("wrong type", "of one instance to itself", tape(between=["floor_0", "floor_0"]), 1, (MEASURED, "entry 1")),
     measured("huge", "a height of 25 m for 2.5", tape(metres=25.0), 0, ("measure",), ("solve", "SCENE", "-v"), "room"),
