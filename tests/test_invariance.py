@@ -174,7 +174,7 @@ def test_ids_change_no_plane(scene: Scene, solution: Solution) -> None:
         np.testing.assert_array_equal(solution.planes[i].covariance, other.planes[of_b[members]].covariance)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 7.3, 1e6])
+@pytest.mark.parametrize("scale", [1e-6, 7.3, 1e6])
 def test_the_unit_changes_nothing(scene: Scene, solution: Solution, scale: float) -> None:
     other = solve(moved(scene, scale))
     assert not other.layout.metric
@@ -183,7 +183,7 @@ def test_the_unit_changes_nothing(scene: Scene, solution: Solution, scale: float
     assert other.quality.iou == pytest.approx(solution.quality.iou, abs=3e-4)
 
 
-@pytest.mark.parametrize(("turn", "shift"), [(TURN, 0.0), (None, 1e6), (TURN, 1e4)])
+@pytest.mark.parametrize(("turn", "shift"), [(TURN, 0.0), (None, 1e8), (TURN, 1e4)])
 def test_the_world_changes_nothing(scene: Scene, solution: Solution, turn: FloatArray | None, shift: float) -> None:
     other = solve(moved(scene, 1.0, turn, shift))
     assert differences(solution, other, 1.0, turn)[:, :4].max() < 1e-6
