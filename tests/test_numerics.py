@@ -12,6 +12,7 @@ from gtlayout.io.cameras.positions import coarse_positions, without_far
 from gtlayout.io.lens import Lens
 from gtlayout.io.sources import PosedImage
 from gtlayout.planes.estimate import Estimate
+from gtlayout.quality.config import QualityConfig
 from gtlayout.scene import Camera, FloatArray
 from simulated.simulated_room import Room, box_faces, look_at, make_room, orbit, unproject
 from simulated.simulation import chosen, errors, make_tracks, nees, solve, true_instance
@@ -71,15 +72,19 @@ def aside(distance: float) -> list[Camera]:
     return [look_at(np.array([distance, 0.8 + 0.07 * i, 1.4]), np.array([distance + 0.4, 4.6, 1.2])) for i in range(21)]
 
 
-@pytest.mark.parametrize("distance", [5e-3, 0.05])
+@pytest.mark.parametrize("distance", [2e-3, 0.01, 0.05])
 def test_a_wall_that_the_camera_nearly_lies_on(distance: float) -> None:
-    """A pixel of it covers metres."""
+    """A pixel of it covers metres. Nearer than a hand its error may be more than its σ says: it is never called ok."""
     room = room_of(LEFT, FAR, FLOOR, cameras=aside(distance))
     for seed in SEEDS:
         solved = solve(room, make_tracks(room, rng(seed)), edges=())
         known = [i for i, plane in enumerate(solved.planes) if plane.observable]
         assert all(np.isfinite(solved.planes[i].covariance).all() for i in known)
-        assert nees(room, solved.planes)[known].max() < IN_999
+        off = nees(room, solved.planes)
+        for i in known:
+            plane, camera = solved.planes[i], room.scene.frames[10].camera
+            depth_share = plane.sigma_offset(room.seen_center(i)) / abs(plane.normal @ camera.center_world + plane.d)
+            assert off[i] < IN_999 or (distance < 0.05 and depth_share > QualityConfig().max_sigma_depth_share)
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 1e-9, 1e-4])

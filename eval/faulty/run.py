@@ -228,7 +228,7 @@ def _two(case: Case, scene: Path, _here: Path) -> Seen:
 def _interrupted(case: Case, scene: Path, _here: Path) -> Seen:
     """Ctrl-C in the middle of the work."""
     process = _started(_words(case, scene))
-    time.sleep(1.5)
+    time.sleep(0.6)
     process.send_signal(signal.SIGINT)
     return _ended(process)
 
