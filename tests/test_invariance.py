@@ -157,7 +157,7 @@ def test_ids_change_no_plane(scene: Scene, solution: Solution) -> None:
         np.testing.assert_array_equal(solution.planes[i].covariance, other.planes[of_b[members]].covariance)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 7.3, 1e6])
+@pytest.mark.parametrize("scale", [1e-6, 7.3, 1e6])
 def test_the_unit_changes_nothing(scene: Scene, solution: Solution, scale: float) -> None:
     other = solve(moved(scene, scale))
     assert not other.layout.metric
@@ -166,10 +166,11 @@ def test_the_unit_changes_nothing(scene: Scene, solution: Solution, scale: float
     assert other.quality.iou == pytest.approx(solution.quality.iou, abs=3e-4)
 
 
-@pytest.mark.parametrize(("turn", "shift"), [(TURN, 0.0), (None, 1e6), (TURN, 1e4)])
+@pytest.mark.parametrize(("turn", "shift"), [(TURN, 0.0), (None, 1e8), (TURN, 1e4)])
 def test_the_world_changes_nothing(scene: Scene, solution: Solution, turn: FloatArray | None, shift: float) -> None:
     other = solve(moved(scene, 1.0, turn, shift))
-    assert differences(solution, other, 1.0, turn)[:, :4].max() < 1e-6
+    digits = 1e-6 + 1e-13 * shift  # positions are rounded to 1e-16 of themselves
+    assert differences(solution, other, 1.0, turn)[:, :4].max() < digits
     # … nor do the covariances, wherever the world's origin lies.
     of_a, of_b = by_members(solution), by_members(other)
     for members, i in of_a.items():
@@ -177,7 +178,7 @@ def test_the_world_changes_nothing(scene: Scene, solution: Solution, turn: Float
         at = [one.scene.frame_of(k).camera.center_world for one in (solution, other)]
         planes = solution.planes[i], other.planes[of_b[members]]
         sigma = [float(plane.sigma_offset(point)) for plane, point in zip(planes, at, strict=True)]
-        assert sigma[1] == pytest.approx(sigma[0], rel=1e-6)
+        assert sigma[1] == pytest.approx(sigma[0], rel=digits)
 
 
 def test_a_unit_that_is_known_changes_nothing(scene: Scene, solution: Solution) -> None:

@@ -43,5 +43,3 @@ class Case:
     def name(self) -> str:
         """Unique."""
         return f"{self.part}, {self.fault}: {self.what}"
-
-

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from faulty.case import Room
-from gtlayout.cli.app import main
+from gtlayout.api import load, save
+from gtlayout.method import solve
+from gtlayout.results.names import FOLDER
 from gtlayout.synth import SynthConfig, synthesize
 
-_SMALL = {"oversample": 1, "hfov_deg": 80.0}
+_SMALL = SynthConfig(frames=7, key_every=3, width=96, height=72, oversample=1, hfov_deg=80.0)
+_ROOM = replace(_SMALL, frames=9, key_every=4, width=160, height=120)
 CONFIGS: dict[Room, SynthConfig] = {
-    "small": SynthConfig(frames=7, key_every=3, width=96, height=72, **_SMALL),
-    "room": SynthConfig(frames=9, key_every=4, width=160, height=120, **_SMALL),
-    "colmap": SynthConfig(frames=7, key_every=3, width=96, height=72, camera_format="colmap", **_SMALL),
-    "turning": SynthConfig(frames=9, key_every=4, width=160, height=120, camera="rotation", **_SMALL),
-    "solved": SynthConfig(frames=9, key_every=4, width=160, height=120, **_SMALL),
+    "small": _SMALL,
+    "room": _ROOM,
+    "turning": replace(_ROOM, camera="rotation"),
+    "colmap": replace(_SMALL, camera_format="colmap"),
+    "solved": _ROOM,
 }
-"""Room → how it is made: one to be read, one to be solved, one with the cameras of COLMAP, one that is solved."""
+"""Room → how it is made: one to be read, one to be solved, one whose camera only turns, one with the cameras of COLMAP,
+and one that is solved."""
 
 
 def make_room(room: Room, folder: Path) -> Path:
     """Make a room in ``folder``, which is new."""
     synthesize(folder, CONFIGS[room])
     if room == "solved":
-        assert main(["solve", str(folder), "--json"]) == 0
+        save(solve(load(folder)), folder / FOLDER, findings=())
     return folder

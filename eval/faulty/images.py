@@ -68,7 +68,7 @@ def millimetres_as_metres(values: Any) -> Any:
 
 IMPORT = ("import", "SCENE/" + VIDEO, "HERE/out")
 
-CASES = (
+CASES: tuple[Case, ...] = (
     case("missing", "one image", gone(FREE), 3, ("1 of 7 cameras have no image file and were skipped", FREE)),
     case("missing", "an annotated image", gone(ANNOTATED), 3, ("000003.jpg", "has no image file")),
     case("missing", "all images", no_images, 1, ("no image file",)),
@@ -77,22 +77,72 @@ CASES = (
     case("truncated", "half of an image", cut(FREE), 3, (FREE, "damaged, or not an image; the frame is stepped over")),
     case("truncated", "half of an annotated image", cut(ANNOTATED), 3, (ANNOTATED, "it is annotated: mend it")),
     case("truncated", "half of an annotated image, solved", cut(ANNOTATED), 1, (ANNOTATED,), ("solve", "SCENE")),
-    case("truncated", "half of another image, solved", cut(FREE), 0, ("000001.jpg",), ("solve", "SCENE", "-v")),
+    case(
+        "truncated", "half of another image, solved", cut(FREE), 0, ("000001.jpg",), ("solve", "SCENE", "-v"), slow=True
+    ),
     case("truncated", "an empty file", put(FREE, b""), 3, (FREE, "damaged, or not an image")),
     case("no such file", "text", put(FREE, "no picture"), 3, (FREE, "damaged, or not an image")),
     case("zero", "a black image", pixels(ANNOTATED, lambda i: 0 * i), 3, ("000003.jpg: annotated, but nearly black",)),
     case("zero", "all images are black", each_image(lambda i: 0 * i), 3, ("nearly black",)),
-    case("all tracks lost", "all images are black", each_image(lambda i: 0 * i), 1, ("no point could be tracked",), ("solve", "SCENE")),
-    case("all tracks lost", "noise for images", each_image(lambda i: np.random.default_rng(int(i.sum())).integers(0, 255, i.shape, np.uint8)), 3, ("points could be followed",)),
-    case("all tracks lost", "noise for images, solved", each_image(lambda i: np.random.default_rng(int(i.sum())).integers(0, 255, i.shape, np.uint8)), 1, ("tracked",), ("solve", "SCENE")),
-    case("huge", "all images are four times as large", each_image(lambda i: cv2.resize(i, None, fx=4, fy=4)), 3, ("were scaled",)),
+    case(
+        "all tracks lost",
+        "all images are black",
+        each_image(lambda i: 0 * i),
+        1,
+        ("no point could be tracked",),
+        ("solve", "SCENE"),
+    ),
+    case(
+        "all tracks lost",
+        "noise for images",
+        each_image(lambda i: np.random.default_rng(int(i.sum())).integers(0, 255, i.shape, np.uint8)),
+        3,
+        ("points could be followed",),
+    ),
+    case(
+        "all tracks lost",
+        "noise for images, solved",
+        each_image(lambda i: np.random.default_rng(int(i.sum())).integers(0, 255, i.shape, np.uint8)),
+        1,
+        ("tracked",),
+        ("solve", "SCENE"),
+    ),
+    case(
+        "huge",
+        "all images are four times as large",
+        each_image(lambda i: cv2.resize(i, None, fx=4, fy=4)),
+        3,
+        ("were scaled",),
+        slow=True,
+    ),
     case("duplicated", "all images are one picture", one_picture, 3, ("7 files hold the same picture",)),
-    case("duplicated", "all images are one picture, solved", one_picture, 0, ("REDO: depth is known to 10 % for only 0 %",), ("solve", "SCENE")),
-    case("out of order", "pictures under one another's names", others_pictures, 3, ("the cameras do not fit the images",)),
+    case(
+        "duplicated",
+        "all images are one picture, solved",
+        one_picture,
+        0,
+        ("REDO: depth is known to 10 % for only 0 %",),
+        ("solve", "SCENE"),
+    ),
+    case(
+        "out of order", "pictures under one another's names", others_pictures, 3, ("the cameras do not fit the images",)
+    ),
     case("wrong axes", "one image is turned by 90°", pixels(FREE, turned), 3, ("000001.jpg",)),
     case("wrong axes", "all images are turned by 90°", each_image(turned), 1, ("another shape",)),
-    case("wrong axes", "all images are upside down", each_image(lambda i: i[::-1, ::-1]), 3, ("the cameras fit the images only with images that are upside down",)),
-    case("mirrored", "all images", each_image(lambda i: i[:, ::-1]), 3, ("the cameras fit the images only with images that are mirrored",)),
+    case(
+        "wrong axes",
+        "all images are upside down",
+        each_image(lambda i: i[::-1, ::-1]),
+        3,
+        ("the cameras fit the images only with images that are upside down",),
+    ),
+    case(
+        "mirrored",
+        "all images",
+        each_image(lambda i: i[:, ::-1]),
+        3,
+        ("the cameras fit the images only with images that are mirrored",),
+    ),
     case("swapped", "red and blue", each_image(lambda i: i[..., ::-1]), 3, ("7 frames",), silent=("cannot read",)),
     case("swapped", "grey images", each_image(lambda i: i[..., 1]), 3, ("7 frames",), silent=("cannot read",)),
     depth("missing", "one map", gone(DEPTH), 0, ("depth error",)),
@@ -104,7 +154,14 @@ CASES = (
     depth("wrong type", "eight bits", pixels(DEPTH, lambda i: (i >> 8).astype(np.uint8)), 1, (DEPTH,)),
     depth("wrong type", "three channels", pixels(DEPTH, lambda i: np.dstack([i, i, i])), 1, (DEPTH,)),
     depth("wrong axes", "turned by 90°", pixels(DEPTH, turned), 1, (DEPTH,)),
-    depth("wrong unit", "metres for millimetres", pixels(DEPTH, millimetres_as_metres), 3, ("depth",), command=("check", "SCENE")),
+    depth(
+        "wrong unit",
+        "metres for millimetres",
+        pixels(DEPTH, millimetres_as_metres),
+        3,
+        ("depth",),
+        command=("check", "SCENE"),
+    ),
 )
 VIDEOS = partial(Case, "Videos", command=IMPORT)
 CASES += (

@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,6 +67,15 @@ def judge(case: Case, room: Path, here: Path) -> Judged:
 
     Raises CannotRunError when the machine does not let it be made.
     """
+    if case.way != "nobody":
+        return _judge(case, room, here)
+    # pytest lets nobody else into its folders.
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder).chmod(0o711)
+        return _judge(case, room, Path(folder) / "here")
+
+
+def _judge(case: Case, room: Path, here: Path) -> Judged:
     here.mkdir()
     scene = Path(shutil.copytree(room, here / "scene"))
     case.spoil(scene)
@@ -114,7 +123,10 @@ def _broken(case: Case, seen: Seen, before: Digests, here: Path) -> Iterator[str
     yield from (f"{name} was left over" for name in new if name.endswith(".tmp") or "/." in name)
     if case.status == 0 and case.command[0] == "solve":
         yield from _unreadable(here)
-    elif new and not (("import" in case.command and case.way == "two") or case.status == 0 and case.command[0] in ("import", "export", "report")):
+    elif new and not (
+        ("import" in case.command and case.way == "two")
+        or (case.status == 0 and case.command[0] in ("import", "export", "report"))
+    ):
         yield f"{', '.join(new)} was written"
 
 
@@ -138,8 +150,8 @@ def _captured(streams: dict[int, Path]) -> Iterator[None]:
             with path.open("wb") as file:
                 os.dup2(file.fileno(), number)
         with (
-            open(1, "w", encoding="utf-8", closefd=False) as out,  # noqa: PTH123
-            open(2, "w", encoding="utf-8", closefd=False) as err,  # noqa: PTH123
+            open(1, "w", encoding="utf-8", closefd=False) as out,
+            open(2, "w", encoding="utf-8", closefd=False) as err,
             redirect_stdout(out),
             redirect_stderr(err),
         ):
@@ -166,20 +178,17 @@ def _here(case: Case, scene: Path, _here: Path) -> Seen:
 
 def _process(case: Case, scene: Path, _here: Path) -> Seen:
     """In a process of its own."""
-    return _ended(subprocess.Popen(_words(case, scene), **_PIPES))
+    return _ended(_started(_words(case, scene)))
 
 
-def _nobody(case: Case, scene: Path, here: Path) -> Seen:
-    """As a user who owns nothing here, which only root can become; modules are loaded before, from wherever they lie."""
+def _nobody(case: Case, scene: Path, _here: Path) -> Seen:
+    """As a user who owns nothing here, which only root can become, with modules that were loaded before."""
     if os.geteuid() != 0:
         raise CannotRunError("only root can become another user")
-    for folder in (here, *here.parents):
-        if folder.stat().st_uid == 0 and folder.stat().st_mode & 0o777 == 0o700:
-            folder.chmod(0o711)
     with tempfile.TemporaryDirectory() as other:
         warm = shutil.copytree(scene, Path(other) / "scene")
         program = _AS_NOBODY.format(warm=arguments(case, warm), real=arguments(case, scene), user=NOBODY)
-        return _ended(subprocess.Popen([sys.executable, "-P", "-c", program], **_PIPES))
+        return _ended(_started([sys.executable, "-P", "-c", program]))
 
 
 def _small_files(case: Case, scene: Path, _here: Path) -> Seen:
@@ -188,7 +197,7 @@ def _small_files(case: Case, scene: Path, _here: Path) -> Seen:
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_BYTES, FILE_BYTES))
 
-    return _ended(subprocess.Popen(_words(case, scene), preexec_fn=limit, **_PIPES))  # noqa: PLW1509
+    return _ended(_started(_words(case, scene), limit))
 
 
 def _full_disk(case: Case, scene: Path, here: Path) -> Seen:
@@ -202,7 +211,7 @@ def _full_disk(case: Case, scene: Path, here: Path) -> Seen:
         disk.rmdir()
         raise CannotRunError("no disk can be mounted")
     try:
-        seen = _ended(subprocess.Popen(_words(case, scene), **_PIPES))
+        seen = _ended(_started(_words(case, scene)))
         left = digests(disk)
     finally:
         subprocess.run(["umount", str(disk)], check=True)
@@ -212,20 +221,24 @@ def _full_disk(case: Case, scene: Path, here: Path) -> Seen:
 
 def _two(case: Case, scene: Path, _here: Path) -> Seen:
     """Twice at the same time; what the one that was less lucky shows."""
-    both = [subprocess.Popen(_words(case, scene), **_PIPES) for _ in range(2)]
+    both = [_started(_words(case, scene)) for _ in range(2)]
     return max((_ended(one) for one in both), key=lambda seen: seen.status)
 
 
 def _interrupted(case: Case, scene: Path, _here: Path) -> Seen:
     """Ctrl-C in the middle of the work."""
-    process = subprocess.Popen(_words(case, scene), **_PIPES)
-    time.sleep(1.5)
+    process = _started(_words(case, scene))
+    time.sleep(0.6)
     process.send_signal(signal.SIGINT)
     return _ended(process)
 
 
 def _words(case: Case, scene: Path) -> list[str]:
     return [*COMMAND, *arguments(case, scene)]
+
+
+def _started(words: list[str], limit: Callable[[], None] | None = None) -> subprocess.Popen[str]:
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=limit)  # noqa: PLW1509
 
 
 def _ended(process: subprocess.Popen[str]) -> Seen:
@@ -245,7 +258,6 @@ os.setuid({user})
 sys.exit(main({real}))
 """
 """The first run, as root and elsewhere, loads what the second needs."""
-_PIPES = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
 _WAYS = {
     "here": _here,
     "process": _process,

@@ -50,7 +50,16 @@ CASES = (
     measured("huge", "a length of 5 km", tape(metres=5000), 1, (MEASURED, "entry 1")),
     measured("zero", "a σ", tape(sigma_m=0), 1, (MEASURED, "entry 1")),
     measured("wrong unit", "millimetres for metres", tape(metres=2500), 1, (MEASURED, "entry 1")),
-    measured("missing", "an instance that is not there", tape(between=["floor_7", "ceiling_0"]), 0, ("floor_7",), ("solve", "SCENE", "-v"), "room"),
+    measured(
+        "missing",
+        "an instance that is not there",
+        tape(between=["floor_7", "ceiling_0"]),
+        0,
+        ("floor_7",),
+        ("solve", "SCENE", "-v"),
+        "room",
+        slow=True,
+    ),
     measured("wrong type", "of one instance to itself", tape(between=["floor_0", "floor_0"]), 1, (MEASURED, "entry 1")),
     measured("huge", "a height of 25 m for 2.5", tape(metres=25.0), 0, ("measure",), ("solve", "SCENE", "-v"), "room"),
     labels("truncated", "half of a file", put(LABELS, '{"roo'), 1, (LABELS, "is not valid JSON")),
@@ -62,12 +71,28 @@ CASES = (
     truth("zero", "a normal", first_plane(normal=[0, 0, 0]), 1, (TRUTH,)),
     truth("huge", "an offset", first_plane(d=1e300), 1, (TRUTH,)),
     truth("mirrored", "a normal that points away", first_plane(normal=[0.0, 0.0, -1.0]), 0, ("floor (floor_0)", "17")),
-    truth("missing", "a plane that elements name", edited(TRUTH, lambda d: d["planes"].pop("floor")), 1, (TRUTH, "floor")),
+    truth(
+        "missing", "a plane that elements name", edited(TRUTH, lambda d: d["planes"].pop("floor")), 1, (TRUTH, "floor")
+    ),
     colmap("missing", "no images.txt", gone(IMAGES), 1, ("is incomplete: no images as .bin or .txt",)),
     colmap("missing", "no cameras.txt", gone(CAMERAS), 1, ("is incomplete: no cameras as .bin or .txt",)),
-    colmap("missing", "the camera of an image", replaced(IMAGES, " 1 000001.jpg", " 9 000001.jpg"), 3, (IMAGES, "line 7: no camera 9")),
-    colmap("truncated", "half of images.txt", cut(IMAGES), 1, (IMAGES, "announces 7 images and holds 3: it was cut off")),
-    colmap("truncated", "four fifths of images.txt", cut(IMAGES, 0.8), 3, (IMAGES, "announces 7 images and holds 6: it was cut off")),
+    colmap(
+        "missing",
+        "the camera of an image",
+        replaced(IMAGES, " 1 000001.jpg", " 9 000001.jpg"),
+        3,
+        (IMAGES, "line 7: no camera 9"),
+    ),
+    colmap(
+        "truncated", "half of images.txt", cut(IMAGES), 1, (IMAGES, "announces 7 images and holds 3: it was cut off")
+    ),
+    colmap(
+        "truncated",
+        "four fifths of images.txt",
+        cut(IMAGES, 0.8),
+        3,
+        (IMAGES, "announces 7 images and holds 6: it was cut off"),
+    ),
     colmap("truncated", "nine tenths of cameras.txt", cut(CAMERAS, 0.9), 1, (CAMERAS, "is no camera")),
     colmap("truncated", "an empty images.txt", put(IMAGES, ""), 1, (IMAGES, "holds no image")),
 )

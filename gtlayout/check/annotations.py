@@ -74,8 +74,8 @@ def _upside_down(elements: tuple[Element, ...]) -> Iterator[str]:
     for floor, ceiling in product(floors, ceilings):
         if floor.amodal.bounds[3] <= ceiling.amodal.bounds[1] + SAME_BORDER_PX:
             yield (
-                f"floor {floor.id} lies above ceiling {ceiling.id}: swap their labels, or turn image and drawing if they "
-                "are upside down"
+                f"floor {floor.id} lies above ceiling {ceiling.id}: swap their labels, or turn image and drawing if "
+                "they are upside down"
             )
 
 

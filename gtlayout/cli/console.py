@@ -43,8 +43,8 @@ NotNegative = Annotated[int, Parameter(validator=Number(gte=0))]
 
 
 def _can_be_made(_type: object, place: Path | None) -> None:
-    """Raises GtlayoutError, before any work is done, where nothing can be written to ``place``: the folder that it is to
-    lie in is not there, or may not be written to, or it is a link that leads to itself.
+    """Raises GtlayoutError, before any work is done, where nothing can be written to ``place``: the folder that it is
+    to lie in is not there, or may not be written to, or it is a link that leads to itself.
     """
     if place is not None and place.is_symlink() and Path(os.path.realpath(place)).is_symlink():
         raise GtlayoutError(f"cannot write {place}: it is a link that leads to itself")

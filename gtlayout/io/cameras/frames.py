@@ -62,7 +62,6 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
     fitted, other_shape = usable(present, lambda image: _fitted(image, headers[image.name], sizes))
     frames, no_frame = usable(fitted, lambda image: _frame(root, image, headers[image.name], files))
     warnings += [*_scaled(present, fitted), *other_shape, *no_frame, *_doubts(fitted)]
-    warnings += coarse_positions(fitted)
     warnings += orientation_lines(fitted, [headers[image.name] for image in fitted])
     if len(frames) < MIN_FRAMES:
         why = f"; {warnings[0]}" if warnings else ""
@@ -70,6 +69,7 @@ def build_frames(root: Path, images: Sequence[PosedImage]) -> tuple[tuple[Frame,
             f"{root}: {len(frames)} frames with camera and image file, at least {MIN_FRAMES} are needed "
             f"({len(images)} cameras{why})"
         )
+    warnings += coarse_positions([frame.camera for frame in frames])
     if (root / "depth").is_dir() and not any(frame.depth_path for frame in frames):
         warnings.append(
             f"{root / 'depth'} holds no map for any frame; looked for {_depth_path(root, present[0])} and so on"
@@ -108,7 +108,10 @@ def _frame(root: Path, image: PosedImage, header: Header | None, files: FilesOnD
     except GtlayoutError as error:
         raise GtlayoutError(f"{image.image_path}: {error}") from error
     if not np.all(np.abs(image.t_cam_from_world) <= MAX_POSITION):
-        raise GtlayoutError(f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}, more than {MAX_POSITION:g} from the origin")
+        raise GtlayoutError(
+            f"{image.image_path}: its camera's translation cannot be one: {image.t_cam_from_world}, more than "
+            f"{MAX_POSITION:g} from the origin"
+        )
     pinhole = lens.target if lens else image.camera
     seen = Camera(
         K=pinhole.K,
