@@ -30,6 +30,7 @@ from test_hostile_annotations_label_studio import valid as label_studio_tasks
 from videos import pictures, write_video
 
 from gtlayout.accuracy import Accuracy
+from gtlayout.annotate.store import Store
 from gtlayout.batch.record import RECORD_FILE, RUN_FILE, Record, read_record, write_record
 from gtlayout.batch.run_folder import FORMAT as RUN_FORMAT
 from gtlayout.batch.run_folder import read_run
@@ -171,7 +172,18 @@ def _use_cameras(root: Path) -> None:
 def _annotation_files(folder: Path) -> list[Readable]:
     contents = {file_name: json.dumps(data) for _, file_name, data in JSON_ANNOTATIONS.values()}
     contents["label_studio.json"] = json.dumps(label_studio_tasks())
-    return [_drawn(_new(folder / name) / name, content, json_tree) for name, content in contents.items()]
+    found = [_drawn(_new(folder / name) / name, content, json_tree) for name, content in contents.items()]
+    native = JSON_ANNOTATIONS["native"][2]
+    edited = _new(folder / "edited") / "annotations.json"
+    write_json_atomic(edited, {**native, "drafts": native["frames"]})
+    return [*found, Readable(edited, partial(_use_edited, edited.parent), json_tree)]
+
+
+def _use_edited(root: Path) -> None:
+    """As the page for annotating does."""
+    store = Store(root, FRAMES)
+    store.drafts()
+    store.key_frames()
 
 
 def _cvat_files(folder: Path) -> list[Readable]:
