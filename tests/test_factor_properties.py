@@ -94,10 +94,10 @@ PLANES = st.builds(plane_through, NORMALS, POINTS, LENGTHS)
 class Same(np.random.Generator):
     """All that is drawn is the same: points coincide."""
 
-    def normal(self, *_: Any, size: Any = None, **__: Any) -> Any:  # type: ignore[override]
+    def normal(self, *_: Any, size: Any = None, **__: Any) -> Any:
         return np.ones(size or ())
 
-    def uniform(self, low: Any = 0.0, _: Any = 1.0, size: Any = None) -> Any:  # type: ignore[override]
+    def uniform(self, low: Any = 0.0, _: Any = 1.0, size: Any = None) -> Any:
         return np.full(size or (), low)
 
 
