@@ -8,6 +8,7 @@ BIN := $(VENV)/bin
 ROOM := examples/room
 INPUTS := pyproject.toml constraints.txt
 TOOLS := .venv-tools
+AUDIT := .venv-audit
 VALIDATOR := tests/tools/node
 # The demo has every command but those for PyTorch, CVAT, HEIC, IFC and USD, which are large or rarely asked for.
 DEMO_EXTRAS := annotate,batch,colmap,dxf,report,view
@@ -17,7 +18,7 @@ PYTEST := python -m pytest -n 2 --dist loadfile --max-worker-restart 1
 OLDER := $(addprefix tests/test_,$(addsuffix .py,last_bit synth synth_annotate synth_errors synth_images synth_paths \
 	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions solved_room measured floor_plan mesh quality real_clips))
 
-.PHONY: demo test test-older-cpu fuzz pictures clean
+.PHONY: demo test test-older-cpu fuzz audit pictures clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gtlayout solve $(ROOM)
@@ -40,6 +41,13 @@ test-older-cpu: $(VENV)/.installed-dev
 FUZZ := 60
 fuzz: $(VENV)/.installed-dev
 	PYTHONPATH=tests $(BIN)/python tests/fuzz/fuzz_all.py $(FUZZ)
+
+# Known weaknesses of every version that constraints.txt pins, as the index of packages knows them; one that it does not
+# know fails, too. Needs the network.
+audit: | $(BIN)/pip
+	$(BIN)/python -m venv $(AUDIT)
+	$(AUDIT)/bin/pip install --quiet --disable-pip-version-check pip-audit==2.10.1
+	$(AUDIT)/bin/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
 
 # The pictures of README and docs. They need Debian's chromium.
 pictures: $(VENV)/.installed-dev
@@ -70,4 +78,4 @@ $(VALIDATOR)/node_modules: $(VALIDATOR)/package.json
 	else echo "npm is not there: glTF files are not judged by Khronos's validator" >&2; fi
 
 clean:
-	rm -rf $(VENV) $(TOOLS) $(VALIDATOR)/node_modules build *.egg-info .mypy_cache .pytest_cache .ruff_cache $(ROOM)/gtlayout
+	rm -rf $(VENV) $(TOOLS) $(AUDIT) $(VALIDATOR)/node_modules build *.egg-info .mypy_cache .pytest_cache .ruff_cache $(ROOM)/gtlayout

@@ -195,6 +195,22 @@ def test_signals_are_one_line(number: signal.Signals, after_s: float, room: Path
     assert not list(tmp_path.iterdir())
 
 
+def test_ctrl_c_before_the_first_import_is_one_line() -> None:
+    """What answers Ctrl-C is imported, too."""
+    program = (
+        "import os, signal, sys\n"
+        "class Interrupts:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'gtlayout.signals':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupts())\n"
+        "from gtlayout.__main__ import main\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "gtlayout: interrupted\n")
+
+
 def test_a_time_limit_says_what_was_reached(room: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert main(["solve", str(room), "--out", str(tmp_path / "out"), "--timeout", "0.2"]) == 1
     err = capfd.readouterr().err

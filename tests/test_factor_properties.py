@@ -16,6 +16,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from gtsam.symbol_shorthand import B, C, L, O, P
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from gtlayout.factors import (
     EdgeView,
@@ -73,6 +75,33 @@ def values_of(planes: list[FloatArray], points: dict[int, FloatArray] | None = N
     return values
 
 
+LENGTHS = st.one_of(st.just(0.0), st.builds(lambda e, s: s * 10.0**e, st.integers(-12, 8), st.sampled_from((-1, 1))))
+"""World units, of any order."""
+NORMALS = st.tuples(*[st.one_of(st.sampled_from((0.0, 1.0, -1.0, 1e-9)), st.floats(-1, 1))] * 3).filter(
+    lambda normal: np.linalg.norm(normal) > 1e-6
+)
+POINTS = st.sampled_from([(0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (-0.3, -0.3, -0.3), (0.3, -0.2, 0.5)])
+"""The origin, and where ``Same`` puts points and camera centres."""
+
+
+def plane_through(normal: tuple[float, ...], point: tuple[float, ...], beside: float) -> FloatArray:
+    n = np.array(normal) / np.linalg.norm(normal)
+    return np.append(n, beside - n @ point)
+
+
+PLANES = st.builds(plane_through, NORMALS, POINTS, LENGTHS)
+
+
+class Same(np.random.Generator):
+    """All that is drawn is the same: points coincide."""
+
+    def normal(self, *_: Any, size: Any = None, **__: Any) -> Any:
+        return np.ones(size or ())
+
+    def uniform(self, low: Any = 0.0, _: Any = 1.0, size: Any = None) -> Any:
+        return np.full(size or (), low)
+
+
 class FactorSuite(ABC):
     """``build`` gives a factor, and values with so many ``planes``.
 
@@ -100,9 +129,11 @@ class FactorSuite(ABC):
     def build(self, rng: np.random.Generator, motion: Motion) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
         """The case that these draws make, in the world so moved."""
 
-    def at(self, rng: np.random.Generator, planes: list[FloatArray]) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
+    def at(
+        self, rng: np.random.Generator, planes: list[FloatArray], motion: Motion = STAY
+    ) -> tuple[gtsam.NoiseModelFactor, gtsam.Values]:
         """The same factor at other planes."""
-        factor, values = self.build(rng, STAY)
+        factor, values = self.build(rng, motion)
         for i, plane in enumerate(planes):
             values.update(P(i), gtsam.OrientedPlane3(plane))
         return factor, values
@@ -141,6 +172,27 @@ class FactorSuite(ABC):
                 jacobian, right = factor.linearize(values).jacobian()
                 assert np.isfinite(factor.whitenedError(values)).all(), (plane, other)
                 assert np.isfinite(jacobian).all() and np.isfinite(right).all(), (plane, other)
+
+    @settings(
+        max_examples=60,
+        derandomize=True,
+        deadline=None,
+        database=None,
+        suppress_health_check=[HealthCheck.differing_executors],
+    )
+    @given(seed=st.none() | st.integers(0, 99), first=PLANES, second=PLANES, away=LENGTHS, parallel=st.booleans())
+    def test_it_is_finite_wherever_the_planes_are(
+        self, seed: int | None, first: FloatArray, second: FloatArray, away: float, parallel: bool
+    ) -> None:
+        """Up to 1e8 m from the origin, parallel, through camera centres, and the wrong way round."""
+        planes = [first, np.append(first[:3], second[3]) if parallel else second]
+        motion = Motion(t=away * np.array([0.6, 0.0, 0.8]))
+        for moved in ([motion.plane(plane) for plane in planes], planes):
+            rng = Same(np.random.PCG64()) if seed is None else np.random.default_rng(seed)
+            factor, values = self.at(rng, moved[: self.planes], motion)
+            jacobian, right = factor.linearize(values).jacobian()
+            assert np.isfinite(factor.whitenedError(values)).all()
+            assert np.isfinite(jacobian).all() and np.isfinite(right).all()
 
 
 def far_plane(rng: np.random.Generator) -> FloatArray:

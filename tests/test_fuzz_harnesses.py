@@ -33,8 +33,8 @@ def changed(content: bytes, rng: random.Random) -> bytes:
 
 
 @pytest.fixture(scope="module", params=HARNESSES)
-def fuzzed(request: pytest.FixtureRequest) -> tuple[str, Harness]:
-    return request.param, harness(request.param)
+def fuzzed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Harness]:
+    return request.param, harness(request.param, tmp_path_factory.mktemp(request.param))
 
 
 def test_what_is_right_is_read(fuzzed: tuple[str, Harness]) -> None:

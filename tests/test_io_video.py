@@ -212,3 +212,13 @@ def test_a_frame_that_is_not_there_is_a_bug_of_the_caller(tmp_path: Path) -> Non
     for index in (-1, 3):
         with pytest.raises(IndexError):
             video.frame(index)
+
+
+def test_a_frame_that_claims_more_than_its_file_does(tmp_path: Path) -> None:
+    """VP8 says the size in each key frame (RFC 6386, section 9.1): 12000x12000 px would take 400 MB."""
+    path = write_video(tmp_path / "a.webm", pictures(2), codec="libvpx")
+    content = path.read_bytes()
+    at = content.index(b"\x9d\x01\x2a") + 3
+    path.write_bytes(content[:at] + b"\xe0\x2e\xe0\x2e" + content[at + 4 :])
+    with pytest.raises(GtlayoutError, match=r"no frame of .* can be decoded"):
+        assert Video(path).width * Video(path).height

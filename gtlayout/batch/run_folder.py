@@ -78,9 +78,13 @@ def read_run(folder: Path) -> Run:
 
 
 def _scene_name(name: Any) -> str:
+    """Raises TypeError or ValueError when it is no name of a scene."""
     path = PurePosixPath(name)
     if path.is_absolute() or ".." in path.parts:
         raise ValueError(f"the scene {name!r} leads out of the run")
+    if "\0" in name:
+        raise ValueError(f"the scene {name!r} can be no folder")
+    name.encode()
     return str(name)
 
 

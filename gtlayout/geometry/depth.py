@@ -21,10 +21,10 @@ def median_depth(scene: Scene, instances: Sequence[Instance], planes: Sequence[P
     for instance, plane in zip(instances, planes, strict=True):
         for key_frame, element in instance.members if plane.observable else ():
             region = scene.key_frames[key_frame].elements[element].amodal
-            inverse = homogeneous(shapely.get_coordinates(region)) @ inverse_depth(
-                plane, scene.frame_of(key_frame).camera
-            )
-            depths.append(1 / inverse[inverse > 0])
+            coefficients = inverse_depth(plane, scene.frame_of(key_frame).camera)
+            if np.isfinite(coefficients).all():
+                inverse = homogeneous(shapely.get_coordinates(region)) @ coefficients
+                depths.append(1 / inverse[inverse > 0])
     found = np.concatenate(depths) if depths else np.empty(0)
     return float(np.median(found)) if len(found) else np.inf
 

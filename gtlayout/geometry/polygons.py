@@ -81,7 +81,12 @@ def cut(region: BaseGeometry, coefficients: FloatArray) -> BaseGeometry:
 
 
 def half_plane(coefficients: FloatArray, around: BaseGeometry) -> Polygon:
-    """The part with a x + b y + c >= 0, as a polygon large enough for ``around``."""
+    """The part with a x + b y + c >= 0, as a polygon large enough for ``around``.
+
+    Empty where they are not finite, as of a plane that the camera lies on: it is seen edge on, and shows nothing.
+    """
+    if not np.isfinite(coefficients).all():
+        return Polygon()
     low, high = np.reshape(around.bounds, (2, 2))
     corners = (low + high) / 2 + _BOX * (high - low).max()
     value = homogeneous(corners) @ coefficients

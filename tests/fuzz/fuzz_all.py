@@ -18,7 +18,7 @@ from fuzz_harnesses import HARNESSES
 
 SECONDS = 60
 AT_ONCE = 2
-LIMITS = ("-timeout=20", "-rss_limit_mb=2048", "-max_len=16384")
+LIMITS = ("-timeout=20", "-rss_limit_mb=3000", "-max_len=16384")
 """Seconds and MB that one input may take, and its bytes."""
 GRACE_S = 120.0
 ENDINGS = {70: "took too long", 71: "took too much memory"}

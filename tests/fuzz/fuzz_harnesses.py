@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import tempfile
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
@@ -30,11 +29,14 @@ from test_hostile_annotations_cvat import GOOD as CVAT
 from test_hostile_annotations_label_studio import valid as label_studio_tasks
 from videos import pictures, write_video
 
+from gtlayout.accuracy import Accuracy
+from gtlayout.annotate.store import Store
 from gtlayout.batch.record import RECORD_FILE, RUN_FILE, Record, read_record, write_record
 from gtlayout.batch.run_folder import FORMAT as RUN_FORMAT
 from gtlayout.batch.run_folder import read_run
 from gtlayout.config import Config
 from gtlayout.errors import GtlayoutError
+from gtlayout.instances import Dimension, NextMeasurement, Quantity
 from gtlayout.io.annotations.annotation_files import left_out
 from gtlayout.io.annotations.key_frames import build_key_frames
 from gtlayout.io.annotations.labels import FILE_NAME as LABELS
@@ -55,6 +57,7 @@ from gtlayout.io.units import SCENE_FILE, read_unit
 from gtlayout.io.video_record import FILE as VIDEO_RECORD
 from gtlayout.io.video_record import with_origins
 from gtlayout.layout import Layout
+from gtlayout.measurement import Checked, Measurement, Scale
 from gtlayout.mesh import build_mesh
 from gtlayout.planes.trail import EvidenceAlone, PlaneTrail
 from gtlayout.quality.assess import assess
@@ -133,9 +136,9 @@ class Harness:
                 assert file.prints, f"{said} bytes on stderr: {text}"
 
 
-def harness(name: str) -> Harness:
-    """One of ``HARNESSES`` in a temporary folder of its own."""
-    return Harness(HARNESSES[name](Path(tempfile.mkdtemp(prefix=f"fuzz-{name}-"))))
+def harness(name: str, folder: Path) -> Harness:
+    """One of ``HARNESSES``, its scenes in an empty folder."""
+    return Harness(HARNESSES[name](folder))
 
 
 def known(name: str) -> dict[str, bytes]:
@@ -169,7 +172,18 @@ def _use_cameras(root: Path) -> None:
 def _annotation_files(folder: Path) -> list[Readable]:
     contents = {file_name: json.dumps(data) for _, file_name, data in JSON_ANNOTATIONS.values()}
     contents["label_studio.json"] = json.dumps(label_studio_tasks())
-    return [_drawn(_new(folder / name) / name, content, json_tree) for name, content in contents.items()]
+    found = [_drawn(_new(folder / name) / name, content, json_tree) for name, content in contents.items()]
+    native = JSON_ANNOTATIONS["native"][2]
+    edited = _new(folder / "edited") / "annotations.json"
+    write_json_atomic(edited, {**native, "drafts": native["frames"]})
+    return [*found, Readable(edited, partial(_use_edited, edited.parent), json_tree)]
+
+
+def _use_edited(root: Path) -> None:
+    """As the page for annotating does."""
+    store = Store(root, FRAMES)
+    store.drafts()
+    store.key_frames()
 
 
 def _cvat_files(folder: Path) -> list[Readable]:
@@ -197,7 +211,23 @@ def _result_files(folder: Path) -> list[Readable]:
     scene = replace(scene, frames=tuple(replace(one, image_path=scene.root / one.name) for one in scene.frames))
     instances, extents = rooms.instances_of(surfaces, 2), tuple(surface.extent for surface in surfaces)
     planes = tuple(surface.plane for surface in surfaces)
-    layout = Layout(instances, planes, extents, build_mesh(instances, extents), metric=True)
+    loa = Accuracy(0.011, 30, "within", 20)
+    heights = Dimension(0, 1, "height", 2.5, 0.01, np.array([[0.0, 0, 0], [0, 0, 2.5]]), loa)
+    measured = Measurement("between", ("floor_0", "ceiling_1"), 2.5, 0.003)
+    layout = Layout(
+        instances,
+        planes,
+        extents,
+        build_mesh(instances, extents),
+        metric=True,
+        dimensions=(heights,),
+        accuracies=(loa,) * len(instances),
+        quantities=(Quantity("floor area", (0,), 20.0, 0.1, True),),
+        scale=Scale(1.01, 0.002),
+        measurements=(Checked(measured, 2.51, 0.01, True),),
+        next_measurement=NextMeasurement(0, 0, 1, 1),
+        inferred=extents,
+    )
     alone = EvidenceAlone("tracks", 30, 0.012, 0.02, 0.4, 0.6, 1.0, 3)
     px = np.array([[20.0, 30.0], [40.0, 30.0]])
     evidence = EvidenceSeen(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import random
 import sys
+import tempfile
 from pathlib import Path
 
 import atheris
@@ -23,8 +24,8 @@ BY_BYTES = 0.4
 def main() -> None:
     """Fill the corpus with what is known, and fuzz."""
     name, corpus = sys.argv[1], Path(sys.argv[2])
-    fuzzed = harness(name)
     corpus.mkdir(parents=True, exist_ok=True)
+    fuzzed = harness(name, Path(tempfile.mkdtemp()))
     for content in (*fuzzed.seeds, *known(name).values()):
         (corpus / hashlib.sha1(content).hexdigest()).write_bytes(content)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import struct
-import warnings
 import zlib
 from typing import Any
 
@@ -48,18 +47,16 @@ def decode_png(plain: bytes) -> npt.NDArray[Any] | None:
     None when it is damaged.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what is odd about a palette
-            with PngImageFile(io.BytesIO(plain)) as image:
-                pixels = np.array(image)
-                # Pillow leaves the rows at zero that there is no data for.
-                if not pixels[-1].any() or image.info.get("interlace"):
-                    _require_all_rows(plain)
-                if image.mode in ("L", "I;16"):
-                    return pixels
-                if image.mode == "1":
-                    return np.array(image.convert("L"))
-                return np.ascontiguousarray(np.array(image.convert("RGB"))[..., ::-1])
+        with PngImageFile(io.BytesIO(plain)) as image:
+            pixels = np.array(image)
+            # Pillow leaves the rows at zero that there is no data for.
+            if not pixels[-1].any() or image.info.get("interlace"):
+                _require_all_rows(plain)
+            if image.mode in ("L", "I;16"):
+                return pixels
+            if image.mode == "1":
+                return np.array(image.convert("L"))
+            return np.ascontiguousarray(np.array(image.convert("RGB"))[..., ::-1])
     except Exception:  # Pillow raises what its parsers raise: SyntaxError, OSError, ValueError, struct.error, …
         return None
 

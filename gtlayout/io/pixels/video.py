@@ -219,6 +219,8 @@ class Video:
             size = f"{stream.codec_context.width}x{stream.codec_context.height}"
             raise GtlayoutError(f"{self.path} says its frames are {size} px: more than can be read")
         stream.thread_type = "AUTO"
+        # A frame may claim more than the file does.
+        stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
         self._source = container, stream
         return stream
 
