@@ -79,6 +79,7 @@ def figures(found: Found) -> list[Metric]:
         Metric("runs", found.runs, "", None),
         Metric("writing", found.writing, "", None),
         Metric("new", found.new, "", None),
+        Metric("incomplete", found.incomplete, "", None),
         Metric("remains", found.remains, "", None),
         Metric("wrong", len(found.wrong), "", False),
     ]
@@ -105,7 +106,7 @@ def commands_on(room: Path) -> dict[str, Command]:
 
     def export(variant: str, to: Path) -> int:
         layout = str(solved(room)[variant])
-        return gtlayout(["export", str(room), "--to", "obj", "--layout", layout, "--out", str(to / f"{to.name}.obj")])
+        return gtlayout(["export", str(room), "--to", "obj", "--layout", layout, "--out", str(to / "work.obj")])
 
     def report(variant: str, to: Path) -> int:
         layout = str(solved(room)[variant])
@@ -115,9 +116,9 @@ def commands_on(room: Path) -> dict[str, Command]:
         return gtlayout(["import", str(room), str(to / "room")])
 
     return {
-        "solve": Command(lambda variant, to: solve(room, variant, to), frozenset({TIMINGS_FILE})),
+        "solve": Command(lambda variant, to: solve(room, variant, to), frozenset({TIMINGS_FILE}), "layout.json"),
         "import": Command(import_, anew=True),
-        "export": Command(export),
+        "export": Command(export, last="work.obj"),
         "report": Command(report),
         "annotate's save": Command(lambda variant, to: save(room, variant, to)),
     }

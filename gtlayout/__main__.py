@@ -2,7 +2,7 @@
 
 import sys
 
-from gtlayout.signals import end_in_one_line
+from gtlayout.signals import end_in_one_line, nothing_left_to_end
 
 
 def main() -> int:
@@ -13,7 +13,9 @@ def main() -> int:
     from gtlayout.cli.console import print_any_sign
 
     print_any_sign()
-    return run()
+    status = run()
+    nothing_left_to_end()
+    return status
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from multiprocessing.context import ForkProcess
 from pathlib import Path
 
 from gtlayout.errors import GtlayoutError
-from gtlayout.signals import end_in_one_line, ending
+from gtlayout.signals import end_in_one_line, ending, nothing_left_to_end
 
 HANGS_S = 600.0
 FORK = multiprocessing.get_context("fork")
@@ -33,6 +33,8 @@ class Command:
     """Of a variant and the folder that it writes to; its exit status. In a process of its own."""
     varying: frozenset[str] = frozenset()
     """Files that hold times."""
+    last: str = ""
+    """Of several files: where it is not, they are not said to belong together."""
     anew: bool = False
     """It makes what was not there, and both variants make the same."""
 
@@ -47,6 +49,8 @@ class Found:
     """Of these, killed after they had begun to write."""
     new: int = 0
     """Of these, killed when all new files had their places already."""
+    incomplete: int = 0
+    """Of these, killed while several files took their places: the last one is not there, which says so."""
     remains: int = 0
     """Temporary files and folders that kills left, until the next run."""
     wrong: list[str] = field(default_factory=list)
@@ -112,6 +116,7 @@ def _child(work: Callable[[], int], folder: Path, log: Path, read: int, write: i
         status = work()
     except KeyboardInterrupt as error:
         status = ending(error)[1]
+    nothing_left_to_end()
     sys.exit(status)
 
 
@@ -189,7 +194,10 @@ class Bench:
             self._in_place = variant
             return True
         old: State = {} if self._command.anew else self._whole[OTHER[variant]]
-        if state != old:
+        each_whole = all(content in (old.get(name), self._whole[variant].get(name)) for name, content in state.items())
+        if self._command.last and self._command.last not in state and each_whole:
+            found.incomplete += 1
+        elif state != old:
             differ = sorted(name for name in self._whole[variant] if state.get(name) != self._whole[variant][name])
             found.wrong.append(f"run {found.runs}: neither old nor new: of {len(state)} files {', '.join(differ)}")
         return False

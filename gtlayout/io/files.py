@@ -41,6 +41,7 @@ def write_all_atomic(contents: Mapping[Path, bytes | str], remove: Iterable[Path
 
     A link stays, and what it leads to is written. Devices and pipes are written to, not replaced. Of two that write
     the same files at once one comes after the other. What a killed process left beside these places is overwritten.
+    The last of several is gone while the others take their places: where it is, all belong together, whoever is killed.
 
     Args:
         contents: File → what it is to hold, text as UTF-8.
@@ -69,7 +70,8 @@ def write_all_atomic(contents: Mapping[Path, bytes | str], remove: Iterable[Path
             for path in [path for path in contents if path not in places]:
                 path.write_bytes(as_bytes[path])
             with deferred():
-                _unlink([*remove, *(_temporary(each, alone) for each in remove)])
+                last = list(places.values())[-1:] if len(places) > 1 else []
+                _unlink([*last, *remove, *(_temporary(each, alone) for each in remove)])
                 for path, temporary in temporaries.items():
                     temporary.replace(places[path])
     except OSError as error:
