@@ -176,6 +176,16 @@ def path_inside(root: Path, relative: str, where: str) -> Path:
     return root.joinpath(*parts)
 
 
+def check_stays(folder: Path, names: Iterable[str]) -> None:
+    """Raise GtlayoutError when a file of ``folder`` that is to be written is a link that leads out of it.
+
+    For files that nobody named: a scene of strangers could have its results written over somebody's own files.
+    """
+    for path in (folder / name for name in names):
+        if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise GtlayoutError(f"cannot write {path}: it is a link that leads out of {folder}: remove it")
+
+
 def _parsed(path: Path) -> Any:
     """In UTF-8, UTF-16 or UTF-32, with a byte-order mark or without. The file may lie in a zip."""
     content = read_bytes(path)
