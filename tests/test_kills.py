@@ -14,9 +14,9 @@ from simulated.kill_bench import Bench, Command
 
 def test_nothing_is_half_written(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert kills.main(["--out", str(out), "--count", "2", "--command", "solve"]) == 0
+    assert kills.main(["--out", str(out), "--count", "2", "--command", "export"]) == 0
     rows = {label: {one.key: one.value for one in row} for label, row in read_rows(out / "kills.json").items()}
-    assert list(rows) == ["solve, SIGKILL", "solve, SIGTERM", "solve, two at once"]
+    assert list(rows) == ["export, SIGKILL", "export, SIGTERM", "export, two at once"]
     for label, row in rows.items():
         assert row["wrong"] == 0
         assert row["runs"] == (1 if "two" in label else 2)
