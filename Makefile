@@ -10,6 +10,7 @@ INPUTS := pyproject.toml constraints.txt
 TOOLS := .venv-tools
 AUDIT := .venv-audit
 VALIDATOR := tests/tools/node
+COVERAGE := .venv-coverage
 # The demo has every command but those for PyTorch, CVAT, HEIC, IFC and USD, which are large or rarely asked for.
 DEMO_EXTRAS := annotate,batch,colmap,dxf,report,view
 # A file of tests whose process ended is begun again, once: one that hangs would otherwise take the time many times.
@@ -18,7 +19,7 @@ PYTEST := python -m pytest -n 2 --dist loadfile --max-worker-restart 1
 OLDER := $(addprefix tests/test_,$(addsuffix .py,last_bit synth synth_annotate synth_errors synth_images synth_paths \
 	synth_rooms tracking correspondence edges edge_group evidence estimation linearisation error_scales arrow regroup extent extent_details dimensions solved_room measured floor_plan mesh quality real_clips))
 
-.PHONY: demo test test-older-cpu fuzz audit pictures clean
+.PHONY: demo test test-older-cpu fuzz audit coverage pictures clean
 
 demo: $(VENV)/.installed
 	$(BIN)/gtlayout solve $(ROOM)
@@ -49,6 +50,10 @@ audit: | $(BIN)/pip
 	$(AUDIT)/bin/pip install --quiet --disable-pip-version-check pip-audit==2.10.1
 	$(AUDIT)/bin/pip-audit --strict --no-deps --disable-pip --requirement constraints.txt
 
+# Lines and branches of gtlayout/ and factors/ that the tests run, those of the processes that they start among them.
+coverage: $(COVERAGE)/.installed $(TOOLS)/.installed
+	$(COVERAGE)/bin/$(PYTEST) --cov --cov-report=term:skip-covered --cov-report=html
+
 # The pictures of README and docs. They need Debian's chromium.
 pictures: $(VENV)/.installed-dev
 	for script in strip report drawing viewer annotate; do $(BIN)/python docs/$${script}_pictures.py || exit 1; done
@@ -67,6 +72,14 @@ $(VENV)/.installed-dev: $(INPUTS) | $(BIN)/pip
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@ $(VENV)/.installed
 
+# A second environment that has the first one's packages: measuring needs two more, which nothing else does.
+$(COVERAGE)/.installed: $(VENV)/.installed-dev
+	$(PYTHON) -m venv $(COVERAGE)
+	$(COVERAGE)/bin/pip install --quiet --disable-pip-version-check 'coverage>=7.10' 'pytest-cov>=7' --constraint constraints.txt
+	$(BIN)/python -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+		> $$($(COVERAGE)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/of_the_first.pth
+	@touch $@
+
 $(TOOLS)/.installed: tests/tools/requirements.txt | $(BIN)/pip
 	$(BIN)/python -m venv $(TOOLS)
 	$(TOOLS)/bin/pip install --quiet --disable-pip-version-check --requirement tests/tools/requirements.txt
@@ -78,4 +91,5 @@ $(VALIDATOR)/node_modules: $(VALIDATOR)/package.json
 	else echo "npm is not there: glTF files are not judged by Khronos's validator" >&2; fi
 
 clean:
-	rm -rf $(VENV) $(TOOLS) $(AUDIT) $(VALIDATOR)/node_modules build *.egg-info .mypy_cache .pytest_cache .ruff_cache $(ROOM)/gtlayout
+	rm -rf $(VENV) $(TOOLS) $(AUDIT) $(COVERAGE) htmlcov .coverage $(VALIDATOR)/node_modules build *.egg-info \
+		.mypy_cache .pytest_cache .ruff_cache $(ROOM)/gtlayout

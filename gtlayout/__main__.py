@@ -10,14 +10,16 @@ def main() -> int:
     # Before the imports: the first takes a hundredth of a second, and the others take seconds.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
-    from gtlayout.signals import end_in_one_line
+    from gtlayout.signals import end_in_one_line, nothing_left_to_end
 
     end_in_one_line("gtlayout")
     from gtlayout.cli.app import main as run
     from gtlayout.cli.console import print_any_sign
 
     print_any_sign()
-    return run()
+    status = run()
+    nothing_left_to_end()
+    return status
 
 
 def _leave(number: int, _: object) -> None:

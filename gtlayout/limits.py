@@ -37,9 +37,13 @@ class Limit:
 
 
 FILE_MB = Limit("MB", "GTLAYOUT_MAX_FILE_MB", 256)
-"""Of a text file or a JSON file, which takes ten times that in memory."""
+"""Of any file that is read whole: a text, JSON, which takes ten times that in memory, an image."""
+MODEL_MB = Limit("MB", "GTLAYOUT_MAX_MODEL_MB", 4_000)
+"""Of each file of a binary COLMAP model, which holds all that was matched."""
 IMAGE_MP = Limit("megapixels", "GTLAYOUT_MAX_IMAGE_MP", 128)
 """Of an image file; a few bytes can claim far more."""
+VIDEO_MP = Limit("megapixels a frame", "GTLAYOUT_MAX_VIDEO_MP", 67)
+"""Of a video: twice 8K."""
 FRAMES = Limit("frames", "GTLAYOUT_MAX_FRAMES", 50_000)
 """Of a scene: half an hour at 30 Hz."""
 ELEMENTS = Limit("elements in one frame", "GTLAYOUT_MAX_ELEMENTS", 1_000)

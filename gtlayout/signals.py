@@ -53,6 +53,12 @@ def ending(error: KeyboardInterrupt) -> tuple[str, int]:
     return _ENDINGS[number], 128 + number
 
 
+def nothing_left_to_end() -> None:
+    """All is done, and only the interpreter ends: whoever interrupts that gets the exit status, and no traceback."""
+    for number in _ENDINGS:
+        signal.signal(number, signal.SIG_IGN)
+
+
 @contextmanager
 def deferred() -> Iterator[None]:
     """What is done within is done whole: Ctrl-C, SIGTERM and a time limit take effect afterwards. For moments only."""

@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 import pytest
 
-from gtlayout.config import Config
 from gtlayout.io.files import write_json_atomic
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.method import solve

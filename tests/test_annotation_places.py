@@ -15,11 +15,11 @@ import pytest
 
 from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
-from gtlayout.io import archives
 from gtlayout.io.annotations.annotation_files import WINDOW, kinds_in, left_out
 from gtlayout.io.annotations.foreign import Foreign
 from gtlayout.io.archives import members, read_bytes
 from gtlayout.io.scene_folder import load_scene
+from gtlayout.limits import FILE_MB
 
 SQUARE = [[0, 0], [40, 0], [40, 30], [0, 30]]
 XML = (
@@ -286,10 +286,10 @@ def test_names_in_a_zip_lead_nowhere(tmp_path: Path) -> None:
 
 
 def test_a_zip_that_unpacks_to_too_much_is_refused(bare: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    archive = _zip(bare / "export.zip", annotations_xml=CVAT + " " * 100_000)
+    archive = _zip(bare / "export.zip", annotations_xml=CVAT + " " * 1_000_000)
     assert _areas(bare) == BOTH
-    monkeypatch.setattr(archives, "MAX_BYTES", 100_000)
-    with pytest.raises(GtlayoutError, match=r"export\.zip"):
+    monkeypatch.setenv(FILE_MB.variable, "1")
+    with pytest.raises(GtlayoutError, match=r"export\.zip.*: more than 1 MB: set GTLAYOUT_MAX_FILE_MB"):
         load_scene(bare, archive)
 
 

@@ -26,6 +26,7 @@ from gtlayout.io.cad_estate.reader import read_masks
 from gtlayout.io.cad_estate.room_structure import read_room_structure
 from gtlayout.io.files import write_atomic
 from gtlayout.io.sources import RawAnnotations, Reader
+from gtlayout.limits import FILE_MB
 from gtlayout.scene import Camera, Frame
 
 few = settings(derandomize=True, deadline=None, max_examples=60)
@@ -303,8 +304,8 @@ def test_room_structure_that_claims_too_much(clip: Path, tmp_path: Path, monkeyp
     parts = dict(np.load(clip / "room_structure.npz"))
     bomb = tmp_path / "room_structure.npz"
     np.savez_compressed(bomb, **{**parts, "layout_triangles": np.zeros((30_000, 3, 3), np.float32)})
-    monkeypatch.setattr("gtlayout.io.cad_estate.room_structure.MAX_BYTES", 1_000_000)
-    with pytest.raises(GtlayoutError, match=r"room_structure\.npz is damaged .* unpacks to more than 1000000 bytes"):
+    monkeypatch.setenv(FILE_MB.variable, "1")
+    with pytest.raises(GtlayoutError, match=r"room_structure\.npz: more than 1 MB: set GTLAYOUT_MAX_FILE_MB"):
         read_room_structure(bomb)
     np.savez(bomb, **parts)
     bomb.write_bytes(bomb.read_bytes().replace(b"(2, 3, 3), }" + b" " * 14, b"(999999999999999, 3, 3), } "[:26]))

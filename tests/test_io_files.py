@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from gtlayout.cli.app import main
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.files import (
     new_folder,
@@ -18,6 +20,15 @@ from gtlayout.io.files import (
     write_atomic,
     write_json_atomic,
 )
+from gtlayout.synth import SynthConfig, synthesize
+
+
+@pytest.fixture(scope="module")
+def solved_small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    room = tmp_path_factory.mktemp("small") / "room"
+    synthesize(room, SynthConfig(frames=12, width=160, height=120, oversample=1))
+    assert main(["solve", str(room)]) == 0
+    return room
 
 
 def test_json_is_stable_and_says_null(tmp_path: Path) -> None:
@@ -64,6 +75,22 @@ def test_links_stay_and_lead_to_what_is_written(tmp_path: Path) -> None:
         assert (tmp_path / name).is_symlink()
         assert (tmp_path / leads_to).read_text() == "new"
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["dangling", "elsewhere", "link", "new", "there"]
+
+
+@pytest.mark.parametrize("command", [["solve"], ["report"], ["export", "--to", "ply"]])
+def test_what_a_scene_holds_never_has_files_elsewhere_written_over(
+    command: list[str], solved_small: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its results folder came with links to somebody's own files."""
+    room, mine = tmp_path / "room", tmp_path / "mine"
+    shutil.copytree(solved_small, room)
+    mine.write_text("mine")
+    for name in ("layout.ply", "report.html"):
+        (room / "gtlayout" / name).unlink(missing_ok=True)
+        (room / "gtlayout" / name).symlink_to(mine)
+    assert main([command[0], str(room), *command[1:]]) == 1
+    assert "is a link that leads out of" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
 
 
 def test_pipes_and_devices_are_written_to(tmp_path: Path) -> None:

@@ -29,7 +29,10 @@ if sys.argv[2] == "folder":
     with new_folder(out / "new") as folder:
         (folder / "half").write_text("half")
         os.kill(os.getpid(), 9)
-files.deferred = lambda: os.kill(os.getpid(), 9)  # all is written, nothing has its place yet
+if sys.argv[2] == "files":
+    files.deferred = lambda: os.kill(os.getpid(), 9)  # all is written, nothing has its place yet
+replace = Path.replace
+Path.replace = lambda self, to: os.kill(os.getpid(), 9) if to.name == "b" else replace(self, to)
 write_all_atomic({out / "a": "new", out / "b": "new"})
 """
 
@@ -51,6 +54,14 @@ def test_remains_of_killed_writers_go_when_it_is_written_again(tmp_path: Path) -
     write_all_atomic({tmp_path / "a": "newer"}, remove=[tmp_path / "b"])
     assert names(tmp_path) == ["a"]
     assert (tmp_path / "a").read_text() == "newer"
+
+
+def test_files_of_two_runs_are_never_taken_for_one(tmp_path: Path) -> None:
+    write_all_atomic({tmp_path / "a": "old", tmp_path / "b": "old"})
+    die_within(tmp_path, "between")
+    assert names(tmp_path) == [".b.tmp", "a"]
+    write_all_atomic({tmp_path / "a": "newer", tmp_path / "b": "newer"})
+    assert names(tmp_path) == ["a", "b"]
 
 
 def test_remains_of_a_folder_go_but_not_those_in_use_or_of_others(tmp_path: Path) -> None:

@@ -201,6 +201,7 @@ def report(
     """
     from gtlayout.batch.page.run_page import write_run_report
     from gtlayout.batch.run_folder import is_run
+    from gtlayout.io.files import check_stays
     from gtlayout.report.files import write_report
 
     of_run = is_run(scene_dir)
@@ -211,6 +212,8 @@ def report(
         raise GtlayoutError(f"--against compares two runs, and {scene_dir} is none")
     folder = scene_dir if of_run else layout or scene_dir / FOLDER
     page = out or folder / REPORT_FILE
+    if out is None:
+        check_stays(folder, [REPORT_FILE])
     with progress_bars() as progress:
         progress.stage("report")
         if of_run:

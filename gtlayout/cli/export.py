@@ -5,6 +5,7 @@ from __future__ import annotations
 from gtlayout.api import load_solved
 from gtlayout.cli.console import FROM_THE_FOLDER, Folder, NewFile, SceneDir, Sources, stdout
 from gtlayout.export import EXPORTERS, Format, export_layout
+from gtlayout.io.files import check_stays
 from gtlayout.results.names import FOLDER
 
 
@@ -32,6 +33,9 @@ def export(
         Folder that holds layout.json; DIR/gtlayout when not given.
     """
     scene, solved = load_solved(scene_dir, layout, **vars(sources))
-    path = out or (layout or scene_dir / FOLDER) / EXPORTERS[to].file_name
+    folder = layout or scene_dir / FOLDER
+    path = out or folder / EXPORTERS[to].file_name
+    if out is None:
+        check_stays(folder, [path.name])
     export_layout(path, scene, solved, to)
     stdout().print(f"Export: {path}")

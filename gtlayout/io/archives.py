@@ -1,6 +1,6 @@
 """Zip files as tools hand them out, read like folders: ``export.zip/annotations.xml`` is a path, nothing is unpacked.
 
-Only what is asked for is read, into memory, and no more of it than ``MAX_BYTES``. What a member is called decides
+Only what is asked for is read, into memory, and no more of it than ``FILE_MB``. What a member is called decides
 nothing about where anything is written, for nothing is.
 """
 
@@ -17,8 +17,6 @@ from typing import IO
 from gtlayout.errors import GtlayoutError
 from gtlayout.limits import FILE_MB
 
-MAX_BYTES = 1 << 28
-"""Of a file in a zip: 256 MiB, more than any drawing takes; a zip of a few kilobytes can claim any size."""
 UNREADABLE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError, ValueError)
 """What the library raises for damage (the first four), a password or a compression it does not know (RuntimeError), and
 a damaged name (ValueError). Whoever names such a zip reads which one it is, and why it cannot be read."""
@@ -51,39 +49,60 @@ def members(archive: Path) -> list[Path]:
 
 
 @contextmanager
-def open_bytes(path: Path) -> Iterator[IO[bytes]]:
-    """A file, or one in a zip, to read from. Raises GtlayoutError naming it when it cannot be read."""
+def open_bytes(path: Path, cannot: str = "") -> Iterator[IO[bytes]]:
+    """A file, or one in a zip, to read from.
+
+    Raises GtlayoutError that begins with ``cannot``, or as it seems fit, when it cannot be read.
+    """
+    cannot = cannot or f"cannot read {path}"
     archive = None if path.exists() else archive_of(path)
     if archive is None:
+        if path.is_fifo():
+            raise GtlayoutError(f"{cannot}: it is a pipe, on which one may wait for ever")
         try:
             with path.open("rb") as file:
                 yield file
         except OSError as error:
-            raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+            raise GtlayoutError(f"{cannot}: {error.strerror or error}") from error
         return
     with _opened(archive) as content:
         name = _names(content).get(path.relative_to(archive).as_posix())
         if name is None:
             raise GtlayoutError(f"cannot read {path}: no such file in {archive.name}")
-        if content.getinfo(name).file_size > MAX_BYTES:
-            raise GtlayoutError(f"cannot read {path}: it unpacks to more than {MAX_BYTES >> 20} MiB; unpack it by hand")
+        # No more than a zip says is unpacked, and a few kilobytes can say anything.
+        FILE_MB.check(content.getinfo(name).file_size / 1e6, cannot)
         with content.open(name) as file:
             yield file
 
 
-def read_bytes(path: Path) -> bytes:
+def read_bytes(path: Path, cannot: str = "") -> bytes:
     """The content of a file, or of one in a zip.
 
-    Raises GtlayoutError naming it when it cannot be read, or is too large.
+    Raises GtlayoutError as ``open_bytes`` does, and when it is too large.
     """
     parts, size = [], 0
-    with open_bytes(path) as file:
+    if path.is_file():
+        FILE_MB.check(path.stat().st_size / 1e6, cannot or f"cannot read {path}")
+    with open_bytes(path, cannot) as file:
         # In pieces: a device has no end, and reading so many bytes at once makes room for all of them.
         while part := file.read(1 << 20):
             parts.append(part)
             size += len(part)
-            FILE_MB.check(size / 1e6, f"cannot read {path}")
+            FILE_MB.check(size / 1e6, cannot or f"cannot read {path}")
     return b"".join(parts)
+
+
+def read_text(path: Path, errors: str = "strict") -> str:
+    """A text file in UTF-8, with a byte-order mark or without, or one in a zip; line ends are those of Unix.
+
+    ``errors``: what to do with bytes that are no UTF-8, as in ``bytes.decode``. Raises GtlayoutError as ``read_bytes``
+    does, and where it is no text.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        raise GtlayoutError(f"{path} is not a text file") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 @contextmanager

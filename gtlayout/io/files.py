@@ -42,6 +42,7 @@ def write_all_atomic(contents: Mapping[Path, bytes | str], remove: Iterable[Path
 
     A link stays, and what it leads to is written. Devices and pipes are written to, not replaced. Of two that write
     the same files at once one comes after the other. What a killed process left beside these places is overwritten.
+    The last of several is gone while the others take their places: where it is, all belong together, whoever is killed.
 
     Args:
         contents: File → what it is to hold, text as UTF-8.
@@ -71,7 +72,8 @@ def write_all_atomic(contents: Mapping[Path, bytes | str], remove: Iterable[Path
             for path in [path for path in contents if path not in places]:
                 path.write_bytes(as_bytes[path])
             with deferred():
-                _unlink([*remove, *(_temporary(each, alone) for each in remove)])
+                last = list(places.values())[-1:] if len(places) > 1 else []
+                _unlink([*last, *remove, *(_temporary(each, alone) for each in remove)])
                 for path, temporary in temporaries.items():
                     temporary.replace(places[path])
     except OSError as error:
@@ -206,6 +208,16 @@ def path_inside(root: Path, relative: str, where: str) -> Path:
     if re.match(r"[/\\]|[A-Za-z]:", relative) or not parts:
         raise GtlayoutError(f"{where}: the path {relative!r} must be relative to the scene folder")
     return root.joinpath(*parts)
+
+
+def check_stays(folder: Path, names: Iterable[str]) -> None:
+    """Raise GtlayoutError when a file of ``folder`` that is to be written is a link that leads out of it.
+
+    For files that nobody named: a scene of strangers could have its results written over somebody's own files.
+    """
+    for path in (folder / name for name in names):
+        if path.is_symlink() and not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise GtlayoutError(f"cannot write {path}: it is a link that leads out of {folder}: remove it")
 
 
 def _parsed(path: Path) -> Any:

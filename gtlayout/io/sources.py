@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.extras import MissingExtraError
+from gtlayout.io.archives import read_bytes
 from gtlayout.io.image_names import FilesOnDisk
 from gtlayout.io.lens import Lens
 from gtlayout.io.pixels.registration import Pinhole
@@ -149,7 +150,7 @@ def json_with(*keys: str) -> Callable[[Path], list[Path]]:
     def recognise(path: Path) -> list[Path]:
         if not path.is_file() or path.suffix.lower() != ".json":
             return []
-        text = path.read_bytes()
+        text = read_bytes(path)
         return [path] if all(f'"{key}"'.encode() in text for key in keys) else []
 
     return recognise
@@ -173,7 +174,7 @@ def usable(entries: Sequence[S], read: Callable[[S], T]) -> tuple[list[T], tuple
         except MissingExtraError:
             raise
         except GtlayoutError as error:
-            problems.append(error)
+            problems.append(error.with_traceback(None))  # which holds what was read of the file
     if problems and not found:
         raise problems[0]
     count = f"{len(problems)} of {len(entries)} cameras cannot be used and were skipped, first: "

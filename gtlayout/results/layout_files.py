@@ -14,7 +14,7 @@ from typing import Any
 from gtlayout.config import Config
 from gtlayout.export.glb import glb_bytes
 from gtlayout.export.ply import ply_bytes
-from gtlayout.io.files import json_text, write_all_atomic
+from gtlayout.io.files import check_stays, json_text, write_all_atomic
 from gtlayout.layout import Layout
 from gtlayout.mesh import vertex_sigma
 from gtlayout.quality.assess import Quality
@@ -41,6 +41,7 @@ from gtlayout.solution import Solution
 from gtlayout.version import __version__
 
 _OPTIONAL = (LOG_FILE, REPORT_FILE, CAMERAS_FILE, TIMINGS_FILE, REVIEW_FILE, EVIDENCE_FILE)
+_ALWAYS = ("layout.ply", "layout.glb", "quality.json", "config.json", "layout.json")
 _PACKAGES = ("gtsam", "numpy", "opencv-python-headless", "pycolmap", "scipy", "shapely", "trimesh")
 
 
@@ -62,7 +63,7 @@ def write_results(
     ``findings``: those of a review of the drawings, if there was one. ``evidence``: what the planes are made of.
 
     Raises:
-        GtlayoutError: the folder or disk does not take them.
+        GtlayoutError: the folder or disk does not take them, or a file there is a link that leads out of the folder.
     """
     optional: dict[Path, bytes | str] = {}
     if new_cameras:
@@ -73,6 +74,7 @@ def write_results(
         optional[out_dir / REVIEW_FILE] = review_text(findings)
     if evidence is not None:
         optional[out_dir / EVIDENCE_FILE] = evidence_text(scene, layout, evidence)
+    check_stays(out_dir, (*_OPTIONAL, *_ALWAYS))
     write_all_atomic(
         {
             **optional,

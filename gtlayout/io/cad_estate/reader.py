@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.annotations.checked import NO_OCCLUSION_EDGES, Notes
 from gtlayout.io.annotations.masks import decode_mask, mask_polygons, simple_rings
+from gtlayout.io.archives import read_bytes
 from gtlayout.io.cad_estate.room_structure import FILE_NAME as STRUCTURE_FILE
 from gtlayout.io.cad_estate.room_structure import read_room_structure
 from gtlayout.io.cameras.lenses import MAX_STRETCH, finite, lens
@@ -227,9 +228,7 @@ def _visible_mask(path: Path, structure: ImageArray, notes: Notes) -> ImageArray
 
 def _read_mask(path: Path) -> ImageArray:
     try:
-        return decode_mask(path.read_bytes())
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+        return decode_mask(read_bytes(path))
     except ValueError as error:
         raise GtlayoutError(f"{path} {error}") from error
 

@@ -17,13 +17,12 @@ from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import render
 from gtlayout.instances import Extent, Instance, Plane, PlaneFrame
 from gtlayout.io.files import write_atomic
+from gtlayout.limits import FILE_MB
 from gtlayout.scene import Camera, FloatArray, IntArray, Label
 
 FILE_NAME = "room_structure.npz"
 LABELS: tuple[Label | None, ...] = (None, "wall", "floor", "ceiling", "slanted")
 """By the release's numbers; None is what it says to ignore."""
-MAX_BYTES = 1 << 28
-"""Unpacked; a million triangles take a quarter of it."""
 WINDOW_FLAG, DOOR_FLAG = 1, 2
 """Doors and windows are not separate there: their triangles belong to the wall they lie in."""
 
@@ -63,8 +62,7 @@ def read_room_structure(path: Path) -> RoomStructure:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            if sum(part.file_size for part in archive.infolist()) > MAX_BYTES:
-                raise ValueError(f"it unpacks to more than {MAX_BYTES} bytes")
+            FILE_MB.check(sum(part.file_size for part in archive.infolist()) / 1e6, f"cannot read {path}")
         with np.load(path, allow_pickle=False) as data:
             clip_name = str(data["clip_name"])
             triangles = np.asarray(data["layout_triangles"], dtype=np.float64)
@@ -74,6 +72,8 @@ def read_room_structure(path: Path) -> RoomStructure:
             timestamps = _integers(data["annotated_timestamps"])
     except OSError as error:
         raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
+    except GtlayoutError:
+        raise
     except KeyError as error:
         raise GtlayoutError(f"{path} has no part {error}: it is no {FILE_NAME} of CAD-Estate") from error
     except Exception as error:  # zipfile, NumPy and the parser of Python that it asks raise what they raise.

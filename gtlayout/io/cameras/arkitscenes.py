@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_text
 from gtlayout.io.cameras.lenses import lens, pinhole
 from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timestamps import match_times
@@ -102,7 +103,7 @@ def _posed_images(
 def _read_trajectory(path: Path) -> tuple[FloatArray, list[Pose], list[str]]:
     """Times in seconds, the pose of each, and a warning if lines were bad."""
     times, poses, bad = [], [], []
-    for number, line in enumerate(_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         values = _floats(line)
         if values is not None and len(values) == 7 and np.all(np.abs(values[1:4]) <= MAX_ANGLE):
             times.append(values[0])
@@ -122,7 +123,7 @@ def _read_pincam(path: Path) -> Lens:
     DATA.md does not say so: it is an assumption, from how Apple documents its intrinsic matrix elsewhere
     (AVCameraCalibrationData).
     """
-    values = _floats(_text(path))
+    values = _floats(read_text(path))
     if values is None or len(values) != 6:
         raise GtlayoutError(f"{path} must hold 6 finite numbers: width, height, fx, fy, cx, cy")
     width, height, *params = (float(value) for value in values)
@@ -154,15 +155,6 @@ def _nearest(stamped: Stamped, time: float) -> Path | None:
         return None
     nearest = int(np.abs(times - time).argmin())
     return files[nearest] if abs(times[nearest] - time) <= INTRINSICS_TOLERANCE_S else None
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise GtlayoutError(f"{path} is not a text file") from error
 
 
 def _floats(text: str) -> FloatArray | None:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_text
 from gtlayout.io.cameras.lenses import lens
 from gtlayout.io.cameras.poses import rigid
 from gtlayout.io.cameras.timed_images import find_timed_images
@@ -114,12 +115,7 @@ def write_re10k(path: Path, frames: Sequence[Frame], timestamps_us: Sequence[int
 
 def _lines(path: Path) -> list[tuple[str, str]]:
     """What to call each line that should be a camera, and the line. Raises GtlayoutError when there is none."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {path}: {error.strerror or error}") from error
-    except ValueError as error:
-        raise GtlayoutError(f"{path} is not a text file") from error
+    lines = read_text(path).splitlines()
     if not lines or ADDRESS not in lines[0]:
         raise GtlayoutError(f"{path}, line 1 must be the address of the video")
     found = [(f"{path}, line {number}", line) for number, line in enumerate(lines[1:], start=2) if line.strip()]

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_text
 from gtlayout.io.cameras.lenses import lens, pinhole
 from gtlayout.io.cameras.poses import cam_from_world, rigid
 from gtlayout.io.files import write_all_atomic, write_atomic
@@ -181,10 +182,7 @@ def _pose(file: Path) -> FloatArray:
 
 def _matrix(file: Path, shape: tuple[int, int]) -> FloatArray:
     try:
-        words = file.read_text(encoding="utf-8-sig").split()
-        return np.array([float(word) for word in words]).reshape(shape)
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {file}: {error.strerror or error}") from error
+        return np.array([float(word) for word in read_text(file).split()]).reshape(shape)
     except ValueError as error:
         raise GtlayoutError(f"{file} must hold {shape[0]}x{shape[1]} numbers") from error
 

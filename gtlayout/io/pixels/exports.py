@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_bytes
 from gtlayout.io.files import path_inside, read_json, write_atomic, write_json_atomic
 from gtlayout.io.pixels.images import MM_PER_UNIT, SATURATED, encoded, read_bgr, read_depth
 from gtlayout.io.pixels.registration import DepthMap
@@ -116,11 +117,7 @@ def is_copied(frame: Frame) -> bool:
 
 
 def _copy(source: Path, path: Path) -> None:
-    try:
-        content = source.read_bytes()
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {source}: {error.strerror or error}") from error
-    write_atomic(path, content)
+    write_atomic(path, read_bytes(source))
 
 
 def _encoded(frame: Frame, suffix: str, parameters: list[int]) -> bytes:

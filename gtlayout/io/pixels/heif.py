@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.limits import IMAGE_MP
 from gtlayout.scene import ImageArray
 
 SUFFIXES = (".heic", ".heif", ".hif")
@@ -28,6 +29,7 @@ def decode_heif(path: Path, data: bytes) -> ImageArray:
     library = _library(path)
     try:
         image = library.open_heif(data, convert_hdr_to_8bit=True, bgr_mode=True)
+        IMAGE_MP.check(image.size[0] * image.size[1] / 1e6, f"cannot read image {path}")
         pixels = np.asarray(image)
     except (ValueError, OSError, EOFError, SyntaxError, RuntimeError, MemoryError) as error:
         raise GtlayoutError(f"cannot read image {path}: damaged, or not an image ({error})") from error

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_bytes
 from gtlayout.io.pixels.heif import SUFFIXES as HEIF_SUFFIXES
 from gtlayout.io.pixels.heif import decode_heif, is_heif
 from gtlayout.io.pixels.png import SIGNATURE, decode_png, plain_png
@@ -91,10 +92,7 @@ def decode(path: Path, mode: int) -> npt.NDArray[Any]:
 
     Raises GtlayoutError when the file is missing, empty, cut off or no image.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise GtlayoutError(f"cannot read image {path}: {error.strerror or error}") from error
+    content = read_bytes(path, f"cannot read image {path}")
     is_png = content.startswith(SIGNATURE)
     if is_png:
         content = plain_png(content) or b""

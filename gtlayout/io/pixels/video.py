@@ -18,6 +18,7 @@ import numpy as np
 from gtlayout.errors import GtlayoutError
 from gtlayout.extras import needs
 from gtlayout.io.pixels.turn import AS_STORED, Turn
+from gtlayout.limits import VIDEO_MP
 from gtlayout.scene import FloatArray, ImageArray, IntArray
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ VideoPacket: TypeAlias = "Packet[VideoStream]"
 EXTENSIONS = (".mp4", ".mov", ".mkv", ".webm")
 OPEN_OPTIONS = {"format_whitelist": "mov,matroska,avi,mpegts", "protocol_whitelist": "file"}
 """Containers that hold their frames themselves: FFmpeg also knows play lists, which make it open what they name."""
-MAX_PIXELS = 1 << 26
-"""Twice 8K; a few bytes can claim far more."""
 MAX_FRAMES = 5_000_000
 """A day at 60 Hz."""
 NEAR_FRAMES = 16
@@ -215,9 +214,7 @@ class Video:
             raise GtlayoutError(f"{self.path} holds no video")
         if stream.codec_context is None:
             raise GtlayoutError(f"cannot read video {self.path}: FFmpeg has no decoder for it")
-        if stream.codec_context.width * stream.codec_context.height > MAX_PIXELS:
-            size = f"{stream.codec_context.width}x{stream.codec_context.height}"
-            raise GtlayoutError(f"{self.path} says its frames are {size} px: more than can be read")
+        VIDEO_MP.check(stream.codec_context.width * stream.codec_context.height / 1e6, str(self.path))
         stream.thread_type = "AUTO"
         # A frame may claim more than the file does.
         stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.io.lens import PARAMETERS
+from gtlayout.limits import MODEL_MB
 
 POSE = 7 * 8
 """Bytes of a quaternion and a translation."""
@@ -23,12 +24,13 @@ SENSOR = 4 + 4
 def check_lengths(model: Path) -> None:
     """Walk through the binary files of the model in folder ``model``, those that are there.
 
-    Raises GtlayoutError naming the file that is shorter than what it says it holds, or cannot be read.
+    Raises GtlayoutError naming the file that is shorter than what it says it holds, too large, or cannot be read.
     """
     for part, end_of_record in PARTS.items():
         file = model / f"{part}.bin"
         if not file.is_file():
             continue
+        MODEL_MB.check(file.stat().st_size / 1e6, f"cannot read {file}")
         try:
             with file.open("rb") as opened, mmap.mmap(opened.fileno(), 0, access=mmap.ACCESS_READ) as data:
                 (count,), at = struct.unpack_from("<Q", data), 8

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.io.archives import read_text
 from gtlayout.io.lens import PARAMETERS, Lens
 from gtlayout.io.sources import usable
 from gtlayout.scene import FloatArray
@@ -119,12 +120,8 @@ def _image(line: Line, cameras: dict[int, Lens | GtlayoutError], file: Path) -> 
 
 def _lines(file: Path, *, blank: bool = False) -> list[Line]:
     """The lines without blanks around them and without comments; empty ones where ``blank``."""
-    try:
-        # What is no UTF-8 costs the name it is in.
-        text = file.read_text(encoding="utf-8-sig", errors="surrogateescape")
-    except OSError as error:
-        raise GtlayoutError(f"cannot read {file}: {error.strerror or error}") from error
-    stripped = [line.strip() for line in text.split("\n")]
+    # What is no UTF-8 costs the name it is in.
+    stripped = [line.strip() for line in read_text(file, "surrogateescape").split("\n")]
     return [
         (f"{file}, line {number}", line)
         for number, line in enumerate(stripped, start=1)
