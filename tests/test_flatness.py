@@ -185,4 +185,4 @@ def test_it_is_in_every_file(room_solution: Solution, room: Path, tmp_path: Path
     (row,) = [row for row in rows if row["of"] == name]
     assert (row["value"], row["unit"], row["sigma"], row["status"]) == ("0.048", "m", "0.009", "out")
     page = solved_page(bulging, "plotly.js")
-    assert f'<tr><td>{name}</td><td class="n">+48 mm</td><td class="n">9 mm</td>' in page
+    assert f'<tr class="out"><td>{name}</td><td class="n">+48 mm</td><td class="n">9 mm</td>' in page
