@@ -44,8 +44,8 @@ def measured(
     """The bends of two walls, of which the far one bulges into the room by a parabola over its 4 m.
 
     ``shared_bend``: what every key frame bends it by besides, as a share of the depth, by an error of its own.
-    ``same_places``: all key frames have tracks of the same points. ``cupboard``: four fifths of the tracks amid the far wall
-    are on something that stands 30 cm before it.
+    ``same_places``: all key frames have tracks of the same points. ``cupboard``: four fifths of the tracks amid the far
+    wall are on something that stands 30 cm before it.
     """
     rng = np.random.default_rng(seed)
     cameras = [rooms.level_camera((1.2 + 0.4 * k, 0.5, 1.2)) for k in range(views)]
