@@ -15,8 +15,12 @@ from solved_rooms import solved
 import gtlayout
 from gtlayout.cli.app import main
 from gtlayout.closing.close import close
+from gtlayout.closing.low_walls import low_walls
+from gtlayout.closing.plan import Plan
+from gtlayout.closing.walls import wall_of
 from gtlayout.closing_config import ClosingConfig
 from gtlayout.export import export_layout
+from gtlayout.export.floor_level import floor_frame
 from gtlayout.export.floor_plan import floor_plan
 from gtlayout.export.plan_drawing import draw
 from gtlayout.export.plan_shapes import STYLES
@@ -117,6 +121,20 @@ def test_a_wall_is_low_only_where_frames_show_what_is_above_it() -> None:
     assert added[:, 2].max() == pytest.approx(2.5, abs=0.01)
     assert added[:, 1].min() == pytest.approx(1.0, abs=0.02)
     assert tall.config.closing.low_share == 1.0
+
+
+def test_a_wall_that_is_taller_than_the_cameras_is_not_low(box: Solution) -> None:
+    """Key frames show something else wherever the walls are not, and still one cannot look over them."""
+    layout = box.layout
+    plan = Plan(floor_frame(box.scene, layout, range(5))[0])
+    level = layout.planes[FLOOR]
+    walls = {i: wall_of(plan, layout.planes[i], level) for i in (LEFT, RIGHT, FAR)}
+    against = {i: shapely.box(-99, -99, 99, 99).difference(layout.extents[i].region) for i in walls}
+    config = box.config.closing
+    for eyes_height, expected in ((1.25, frozenset()), (2.6, frozenset(walls))):
+        assert low_walls(layout, plan, walls, against, eyes_height, 3.0, config) == expected
+    unknown = {i: MultiPolygon() for i in walls}
+    assert low_walls(layout, plan, walls, unknown, 2.6, 3.0, config) == frozenset()
 
 
 def test_walls_out_of_square_end_where_they_are_seen() -> None:

@@ -263,13 +263,21 @@ def test_a_large_scene_prints_on_two_pages_too(solution: Solution, page: Page, t
     data["headline"] = {"word": "redo", "reasons": [words] * 10}
     step = asdict(Step(words, words * 3, 0, "0 0 40 30", "M0 0L1 1Z"))
     data |= {"next_steps": [step] * 3, "title": "a name " * 40, "room": None}
+    # Two surfaces that are not flat are named on paper, too; those that are even are not.
+    uneven = {"deviation_mm": -43.0, "sigma_mm": 10.0, "distance_m": 4.2, "limit_mm": 10.0, "line": 6}
+    data["flatness"] = [
+        uneven | {"of": f"surface_{number}", "status": "out" if number in (7, 9, 11) else "within"}
+        for number in range(20)
+    ]
     data |= {} if plan else {"floor_plan": None}
     (tmp_path / "large.html").write_text(html_of(data))
     assert pages_on_paper(page, (tmp_path / "large.html").as_uri()) == 2
     page.emulate_media(media="print")
-    # What does not fit is said: headline, reasons, instances, dimensions.
-    for left_out in (6, 6, 26, 13):
+    # What does not fit is said: headline, reasons, instances, dimensions, flatness.
+    for left_out in (6, 6, 26, 13, 1):
         assert page.get_by_text(f"… and {left_out} more, which are in the page itself.").first.is_visible()
+    shown = [number for number in range(20) if page.get_by_text(f"surface_{number}", exact=True).is_visible()]
+    assert shown == [7, 9]
 
 
 def pixels(page: Page) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:

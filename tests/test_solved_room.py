@@ -17,7 +17,7 @@ from gtlayout.dimensions.drawing_noise import USUAL_SIGMA_PX
 from gtlayout.dimensions.openings import opening_dimensions
 from gtlayout.dimensions.solved_room import SolvedRoom
 from gtlayout.dimensions.take import all_dimensions, by_neighbours, surface_accuracy, take_dimensions
-from gtlayout.instances import Plane, Support
+from gtlayout.instances import NextMeasurement, Plane, Support
 from gtlayout.measured.fuse import as_measured
 from gtlayout.measurement import GROSS_M, NAMED, TAPE_SIGMA_M, Checked, Measurement
 from gtlayout.scene import FloatArray, KeyFrame
@@ -230,6 +230,8 @@ def test_what_no_track_shows_is_inferred_until_it_is_measured() -> None:
     status = {(one.first, one.second): one.accuracy.status for one in taken.dimensions if one.accuracy}
     assert status == {(0, 1): "within", (2, 3): "inferred", (4, 5): "within"}
     assert [one.accuracy.level for one in taken.dimensions if one.accuracy] == [40, 40, 40]
+    # It is what to measure next, though its σ is small.
+    assert taken.next_measurement == NextMeasurement(1, within=2, reached=3, of=3)
     by_hand = Measurement("between", ("wall_2", "wall_3"), 4.0, 0.003)
     for used, expected in ((True, "within"), (False, "inferred")):
         checked = Checked(by_hand, 4.0, 0.003, used)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -18,7 +18,7 @@ _WORTH = 0.5
 
 
 def next_measurement(
-    taken: Sequence[Taken], covariance: FloatArray, wanted_loa: int, metric: bool
+    taken: Sequence[Taken], covariance: FloatArray, wanted_loa: int, metric: bool, by_neighbours: Collection[int] = ()
 ) -> NextMeasurement | None:
     """The dimension whose measurement brings most dimensions to the wanted level; None when all are there.
 
@@ -28,7 +28,12 @@ def next_measurement(
     that is known best as a share of itself: it gives the scene its unit with the smallest σ.
 
     Args:
+        taken: The dimensions.
         covariance: (4S, 4S) joint covariance of all planes, about their anchor.
+        wanted_loa: The level.
+        metric: Whether the scene has a unit.
+        by_neighbours: The instances that only their neighbours place: what reaches to one of them is not at any level
+            before it is measured.
     """
     known = [i for i, (_, measured) in enumerate(taken) if np.isfinite(measured.sigma(covariance))]
     if not known:
@@ -41,7 +46,9 @@ def next_measurement(
     rows = np.nonzero(gradients.any(axis=0))[0]
     joint = gradients[:, rows] @ covariance[np.ix_(rows, rows)] @ gradients[:, rows].T
     before = np.diag(joint) + drawn
-    within = _within(before, wanted_loa)
+    ends = [{taken[i][0].first, taken[i][0].second} for i in known]
+    seen = np.array([not each & set(by_neighbours) for each in ends], dtype=bool)
+    within = _within(before, wanted_loa) & seen
     if within.all():
         return None
     # (measured, of): what is drawn of a door or window is its own, and no other measurement tells it.
@@ -50,7 +57,12 @@ def next_measurement(
     after[own, own] = before * TAPE_SIGMA_M**2 / (before + TAPE_SIGMA_M**2)
     # Rounded: of dimensions that differ by nothing but rounding the first is proposed.
     gains = np.round(np.log(before / np.maximum(after, _LEAST_GAIN * before)).sum(axis=1), 6)
-    reached = np.array([_within(each, wanted_loa).sum() for each in after])
+    reached = np.array(
+        [
+            np.sum(_within(each, wanted_loa) & (seen | [bool(ends[i] & other) for other in ends]))
+            for i, each in enumerate(after)
+        ]
+    )
     checkable = np.array([_checkable(each).sum() for each in after])
     now = _checkable(before)
     useful = now & ((reached > within.sum()) | (checkable > now.sum()))

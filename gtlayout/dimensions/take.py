@@ -52,10 +52,11 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
     """
     metric = room.scene.metric
     taken = all_dimensions(room)
+    placed_so = {i for i in room.seen if by_neighbours(room, i)}
     dimensions = []
     for dimension, measured in taken:
         sigma = measured.sigma(covariance)
-        inferred = any(by_neighbours(room, i) for i in (dimension.first, dimension.second))
+        inferred = bool({dimension.first, dimension.second} & placed_so)
         accuracy = accuracy_of(sigma if metric else np.nan, wanted_loa, inferred=inferred)
         dimensions.append(replace(dimension, sigma=sigma, accuracy=accuracy))
     amounts = [
@@ -66,7 +67,7 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
         surface_accuracy(plane, extent, wanted_loa) if metric else accuracy_of(np.nan, wanted_loa)
         for plane, extent in zip(room.planes, room.extents, strict=True)
     ]
-    following = next_measurement(taken, covariance, wanted_loa, metric)
+    following = next_measurement(taken, covariance, wanted_loa, metric, placed_so)
     return Dimensions(tuple(dimensions), tuple(amounts), tuple(surfaces), following)
 
 
