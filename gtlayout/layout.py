@@ -15,6 +15,7 @@ from gtlayout.geometry.render import DepthImage, render
 from gtlayout.instances import Dimension, Extent, Instance, Mesh, NextMeasurement, Plane, Quantity
 from gtlayout.measurement import Checked, Scale
 from gtlayout.mesh import build_mesh, vertex_sigma
+from gtlayout.notebook import html_table
 from gtlayout.scene import Camera
 
 if TYPE_CHECKING:
@@ -54,6 +55,17 @@ class Layout:
         labels = Counter(instance.label for instance in self.instances)
         counted = ", ".join(f"{count} {label}" for label, count in labels.items())
         return f"<Layout: {len(self.instances)} instances ({counted}), {'metric' if self.metric else 'without a unit'}>"
+
+    def _repr_html_(self) -> str:
+        """In notebooks: what there is, and a row for each instance."""
+        unit = "m²" if self.metric else "u²"
+        rows = [
+            (instance.name, f"{extent.region.area:.2f} {unit}", f"{plane.sigma_normal_deg:.2f}°")
+            if plane.observable
+            else (instance.name, "unobservable", "")
+            for instance, plane, extent in zip(self.instances, self.planes, self.extents, strict=True)
+        ]
+        return html_table(repr(self).strip("<>"), ("instance", "area", "σ normal"), rows)
 
     def mesh(self) -> trimesh.Trimesh:
         """``triangles`` as a trimesh, with label colours on its faces.
