@@ -43,7 +43,7 @@ def main() -> None:
         two(browser, "through", ROOM, example, {text: {"elements": drawn} for text, drawn in sides.items()})
         parts = [ring for element in elements for ring in element["visible"]]
         whole = [ring for element in elements for ring in element["polygons"] if element["label"] != "window"]
-        sides = {"where the surface itself is seen": parts, "the sofa and the shelves are not the wall": whole}
+        sides = {"where the surface itself is seen": parts, "sofa and shelves are not the wall": whole}
         two(browser, "visible", ROOM, example, {text: {"visible": drawn} for text, drawn in sides.items()})
         panes = [element for element in elements if element["label"] != "window"] + panes_of(elements)
         sides = {"frame and glass together, in one piece": elements, "each pane, without its frame": panes}
@@ -58,8 +58,8 @@ def main() -> None:
 
 def occluded(browser: Browser, rooms: Path) -> None:
     """Neighbours in the image that do not touch: a corner that stands out, and a worktop before a wall."""
-    texts = "pink where the two do not touch", "the near wall is taken to meet those behind it"
-    for name, wrong in (("corner", texts[1]), ("kitchen", "the front is taken to meet the wall above it")):
+    texts = "pink where the two do not touch", "near and far wall seem to meet"
+    for name, wrong in (("corner", texts[1]), ("kitchen", "front and wall above seem to meet")):
         frame = frame_of(rooms / name, "000008.jpg")
         elements = {"elements": frame["elements"]}
         sides = {texts[0]: elements | {"occlusion_edges": frame["occlusion_edges"]}, wrong: elements}
@@ -73,7 +73,7 @@ def doorway(browser: Browser, room: Path) -> None:
     here = [one for one in frame["elements"] if not opening.buffer(4).contains(area(one))]
     drawn = {"elements": frame["elements"], "occlusion_edges": frame["occlusion_edges"]}
     blank = {"elements": [without(one, opening) for one in here], "blank": rings(opening)}
-    texts = "the next room, too, with pink round the opening", "nothing in the opening: left blank"
+    texts = "the next room, with pink round the opening", "nothing in the opening: left blank"
     side_by_side(
         browser,
         {RIGHT + texts[0]: panel(room, frame, drawn), RIGHT + texts[1]: panel(room, frame, blank)},

@@ -20,7 +20,7 @@ Ring = list[list[float]]
 """Corners, px."""
 _WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _STYLE = """
-  body { margin: 0; background: #fff; font: 15px sans-serif; color: #333; }
+  body { margin: 0; background: #fff; font: 18px sans-serif; color: #333; }
   main { display: grid; grid-auto-flow: column; gap: 12px; padding: 8px; }
   figure { margin: 0; } figcaption { text-align: center; padding-top: 6px; }
   .box { display: flex; align-items: center; justify-content: center; position: relative; }

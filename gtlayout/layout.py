@@ -17,6 +17,7 @@ from gtlayout.geometry.strip import strip_of
 from gtlayout.instances import Dimension, Extent, Instance, Mesh, NextMeasurement, Plane, Quantity
 from gtlayout.measurement import Checked, Scale
 from gtlayout.mesh import build_mesh, vertex_sigma
+from gtlayout.notebook import html_table
 from gtlayout.scene import Camera
 
 if TYPE_CHECKING:
@@ -65,6 +66,17 @@ class Layout:
         """The cylinders of the walls that are curved, by their index. Their extents lie on these, and not on the plane
         of the same index, which is only the best one."""
         return {i: strip.cylinder for i, extent in enumerate(self.extents) if (strip := strip_of(extent))}
+
+    def _repr_html_(self) -> str:
+        """In notebooks: what there is, and a row for each instance."""
+        unit = "m²" if self.metric else "u²"
+        rows = [
+            (instance.name, f"{extent.region.area:.2f} {unit}", f"{plane.sigma_normal_deg:.2f}°")
+            if plane.observable
+            else (instance.name, "unobservable", "")
+            for instance, plane, extent in zip(self.instances, self.planes, self.extents, strict=True)
+        ]
+        return html_table(repr(self).strip("<>"), ("instance", "area", "σ normal"), rows)
 
     def mesh(self) -> trimesh.Trimesh:
         """``triangles`` as a trimesh, with label colours on its faces.

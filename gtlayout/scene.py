@@ -22,6 +22,7 @@ from shapely import MultiPolygon
 
 from gtlayout.errors import GtlayoutError
 from gtlayout.measurement import Measurement
+from gtlayout.notebook import html_table
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -213,6 +214,12 @@ class Scene:
             f"<Scene {self.root}: {len(self.frames)} frames, {len(self.key_frames)} key frames, {elements} elements, "
             f"{unit}>"
         )
+
+    def _repr_html_(self) -> str:
+        """In notebooks: what there is, and a row for each key frame."""
+        drawn = [(self.frames[one.frame].name, [element.label for element in one.elements]) for one in self.key_frames]
+        rows = [(name, *(labels.count(label) or "" for label in LABELS)) for name, labels in drawn]
+        return html_table(repr(self).strip("<>"), ("key frame", *LABELS), rows)
 
     def frame_of(self, key_frame: int) -> Frame:
         """The frame that key frame number ``key_frame`` annotates."""

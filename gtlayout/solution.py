@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
-from html import escape
 from typing import TYPE_CHECKING
 
 from gtlayout.camera_errors.findings import CameraDoubt
@@ -17,6 +16,7 @@ from gtlayout.geometry.raster import LabelImage
 from gtlayout.geometry.render import DepthImage
 from gtlayout.instances import Instance, Plane
 from gtlayout.layout import Layout
+from gtlayout.notebook import html_table
 from gtlayout.planes.estimate import Estimate
 from gtlayout.quality.assess import Quality
 from gtlayout.scene import Camera, IntArray, Scene
@@ -59,16 +59,13 @@ class Solution:
 
     def _repr_html_(self) -> str:
         """In notebooks: the verdict, and a row for each instance."""
-        rows = "".join(
-            f"<tr><td>{escape(instance.name)}</td><td>{judged.sigma_normal_deg:.2f}°</td><td>{judged.iou:.3f}</td>"
-            f"<td>{judged.verdict}</td></tr>"
+        rows = [
+            (instance.name, f"{judged.sigma_normal_deg:.2f}°", f"{judged.iou:.3f}", judged.verdict)
             for instance, judged in zip(self.layout.instances, self.quality.instances, strict=True)
-        )
+        ]
         headline = self.quality.headline
-        return (
-            f"<p><b>{headline.word}</b>: {escape('; '.join(headline.reasons))}</p><table>"
-            f"<tr><th>instance</th><th>σ normal</th><th>IoU</th><th>verdict</th></tr>{rows}</table>"
-        )
+        line = f"{headline.word}: {'; '.join(headline.reasons)}"
+        return html_table(line, ("instance", "σ normal", "IoU", "verdict"), rows)
 
     @property
     def new_cameras(self) -> bool:

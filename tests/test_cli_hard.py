@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import inspect
+import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -12,6 +14,7 @@ import sys
 import time
 import zlib
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -20,15 +23,17 @@ import cv2
 import numpy as np
 import pytest
 import shapely
+from rich.console import Console
 
 import gtlayout.method
 from gtlayout.api import load_solved
 from gtlayout.cli.app import app, main
+from gtlayout.evaluation.evaluate import evaluate
 from gtlayout.io.scene_folder import load_scene
 from gtlayout.limits import ELEMENTS, FILE_MB, FRAMES, IMAGE_MP, Limit
 from gtlayout.quality.assess import assess
 from gtlayout.quality.config import QualityConfig
-from gtlayout.results.tables import instance_table
+from gtlayout.results.tables import evaluation_table, instance_table
 
 Edit = Callable[[Path, Callable[[Any], object]], None]
 COMMAND = (sys.executable, "-P", "-m", "gtlayout")
@@ -316,3 +321,31 @@ def test_scene_and_layout_are_one_line(solved: tuple[Path, dict[str, Any]]) -> N
     scene, layout = load_solved(solved[0])
     assert repr(scene) == f"<Scene {solved[0]}: 24 frames, 3 key frames, 17 elements, metric>"
     assert repr(layout) == "<Layout: 7 instances (1 floor, 1 ceiling, 3 wall, 1 door, 1 window), metric>"
+
+
+def test_notebooks_show_a_table_of_the_scene_and_of_the_layout(solved: tuple[Path, dict[str, Any]]) -> None:
+    scene, layout = load_solved(solved[0])
+    shown = scene._repr_html_()
+    assert shown.startswith(f"<p>Scene {solved[0]}: 24 frames, 3 key frames, 17 elements, metric</p><table>")
+    assert shown.count("<tr>") == 1 + 3
+    counts = [int(number) for number in re.findall(r"<td>(\d+)</td>", shown)]
+    assert sum(counts) == 17
+    shown = layout._repr_html_()
+    assert shown.count("<tr>") == 1 + 7
+    assert f"<td>floor_0</td><td>{layout.extents[0].region.area:.2f} m²</td>" in shown
+    lost = replace(layout.planes[0], observable=False)
+    assert "<td>floor_0</td><td>unobservable</td>" in replace(layout, planes=(lost, *layout.planes[1:]))._repr_html_()
+    hostile = replace(scene, root=Path("<script>"))._repr_html_()
+    assert "<script>" not in hostile
+    assert "&lt;script" in hostile
+
+
+def test_narrow_terminals_cut_no_value_of_an_evaluation(solved: tuple[Path, dict[str, Any]]) -> None:
+    evaluation = evaluate(*load_solved(solved[0]))
+    texts = {}
+    for width in (40, 200):
+        console = Console(width=width, file=io.StringIO(), force_jupyter=False, highlight=False, soft_wrap=True)
+        console.print(evaluation_table(evaluation))
+        assert isinstance(console.file, io.StringIO)
+        texts[width] = sorted(re.findall(r"[\w.]+", console.file.getvalue()))
+    assert texts[40] == texts[200]

@@ -18,6 +18,7 @@ from urllib.parse import unquote, urlsplit
 import cv2
 import numpy as np
 import pytest
+from playwright.sync_api import Page as BrowserPage
 
 from gtlayout.cli.app import app
 from gtlayout.config import Config
@@ -138,6 +139,18 @@ def test_make_pictures_runs_every_script() -> None:
     )
 
 
+def test_search_works_from_files(site: Path, page: BrowserPage, problems: list[str]) -> None:
+    page.goto((site / "inputs/cameras.html").as_uri())
+    page.locator(".md-search__input").click()
+    page.locator(".md-search__input").press_sequentially("occlusion edges")
+    first = page.locator(".md-search-result__link").first
+    first.wait_for(state="attached", timeout=60_000)
+    assert "drawing.html" in " ".join(
+        link.get_attribute("href") or "" for link in page.locator(".md-search-result__link").all()
+    )
+    assert problems == []
+
+
 def test_equations_are_mathml(pages: dict[Path, Page], site: Path) -> None:
     page = pages[site / "method.html"]
     source = (PAGES / "method.md").read_text(encoding="utf-8")
@@ -224,13 +237,39 @@ def test_messages_in_troubleshooting_are_the_programs_own() -> None:
     text = (PAGES / "troubleshooting.md").read_text(encoding="utf-8").casefold()
     quoted = re.findall(r"(?<![*\w])\*([^*\n]+)\*(?!\*)", text)
     assert len(quoted) > 80
+    assert not unsaid(quoted, said)
+
+
+def unsaid(quoted: list[str], said: str) -> list[str]:
+    """What the program cannot have printed."""
     unknown = []
     for quote in quoted:
         pieces = [re.sub(r"^\W+|\W+$", "", piece).split() for piece in re.split(r"…|[\d.]+", quote)]
         pairs = [" ".join(pair) for words in pieces for pair in pairwise(words)]
         if sum(pair not in said for pair in pairs) > len(pairs) // 4:
             unknown.append(quote)
-    assert not unknown
+    return unknown
+
+
+def test_tutorial_shows_commands_that_are_understood_and_what_the_program_prints(tmp_path: Path) -> None:
+    """Written by docs/tutorial_outputs.py, which takes minutes: here only whether it could still be printed."""
+    blocks = re.findall(r"^```console\n(.*?)^```$", (PAGES / "own_video.md").read_text(encoding="utf-8"), re.M | re.S)
+    lines = [line for block in blocks for line in block.splitlines()]
+    typed = [line.removeprefix("$ gtlayout ").split() for line in lines if line.startswith("$ ")]
+    printed = [line.casefold() for line in lines if not line.startswith(("$ ", "──"))]
+    assert {words[0] for words in typed} == {"import", "check", "solve", "measure", "report", "export"}
+    for words in typed:
+        app.parse_args(words, exit_on_error=False, print_error=False)
+    assert len(printed) > 50
+    said = "\n".join(strings_of(path) for path in (ROOT / "gtlayout").rglob("*.py")).casefold()
+    # Names of files and instances are filled in.
+    texts = [re.sub(r"\b\w+_\d+\b|\S*\w[/.]\w\S*|loa\d+", "…", line) for line in printed]
+    words = {word for line in texts for word in re.findall(r"[a-zσ]{2,}", line)}
+    assert {"registered", "suspicious", "verdict", "trustworthy"} <= words
+    assert sorted(words - set(re.findall(r"[a-zσ]{2,}", said))) == []
+    sentences = [line for line in texts if line.count(" ") > 4 and "±" not in line and "  " not in line]
+    assert len(sentences) > 5
+    assert not unsaid(sentences, said)
 
 
 def causes_of_weakness() -> list[str]:

@@ -217,7 +217,7 @@ class Video:
         VIDEO_MP.check(stream.codec_context.width * stream.codec_context.height / 1e6, str(self.path))
         stream.thread_type = "AUTO"
         # A frame may claim more than the file does.
-        stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
+        stream.codec_context.options = {"max_pixels": str(VIDEO_MP.most * 1_000_000)}
         self._source = container, stream
         return stream
 
