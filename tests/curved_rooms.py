@@ -102,7 +102,7 @@ def laid_out(kind: RoomKind, *, curved: bool = True) -> tuple[Scene, Layout]:
         True,
         taken.dimensions,
         taken.accuracies,
-        taken.quantities,
+        quantities=taken.quantities,
         next_measurement=taken.next_measurement,
     )
     return room.scene, layout
