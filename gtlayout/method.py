@@ -20,26 +20,21 @@ from gtlayout.config import Config
 from gtlayout.correspondence.matching import correspond
 from gtlayout.curved.strips import find_curved, strips_of
 from gtlayout.dimensions.solved_room import SolvedRoom
-from gtlayout.dimensions.take import take_dimensions
-from gtlayout.edges import ContactEdge, contact_edges
-from gtlayout.extent.extents import compute_extents
+from gtlayout.edges import contact_edges
 from gtlayout.flatness.bends import bends
 from gtlayout.flatness.din18202 import flatness_of
-from gtlayout.geometry.depth import with_sigma_depth
-from gtlayout.geometry.strip import StripFrame, strip_of
-from gtlayout.instances import Extent, Instance
-from gtlayout.layout import Layout
+from gtlayout.geometry.strip import strip_of
+from gtlayout.instances import Extent
+from gtlayout.layout_stages import Found, laid_out
 from gtlayout.measured.fuse import as_measured, fuse
 from gtlayout.memory import Memory
-from gtlayout.mesh import build_mesh
 from gtlayout.observer import Observer, Stages
 from gtlayout.planes.estimate import Estimate
 from gtlayout.planes.estimation import estimate
 from gtlayout.prepared.canonical import canonical
 from gtlayout.prepared.measurements import Prepared
-from gtlayout.quality.assess import Quality, assess
 from gtlayout.regrouping.regroup import regroup
-from gtlayout.scene import Camera, Scene, shrunk
+from gtlayout.scene import Camera, Scene
 from gtlayout.solution import Solution, best_of
 from gtlayout.tracking.bundle_adjustment import CameraReport, refine_cameras
 from gtlayout.tracking.features import VideoFeatures
@@ -230,7 +225,7 @@ def lay_out(
     stage = stage or Stages()
     strips = strips_of(prepared, solved.planes, config.curved)
     found = Found(prepared.given_instances, prepared.edges, estimated, strips)
-    layout, quality = _laid_out(scene, found, config, stage, known, drawn_before, shrink)
+    layout, quality = laid_out(scene, found, config, stage, known, drawn_before, shrink)
     return Solution(
         scene=replace(scene, warnings=(*scene.warnings, *prepared.warnings, *estimated.warnings)),
         layout=layout,
@@ -277,7 +272,7 @@ def with_measurements(solution: Solution, stage: Stages | None = None) -> Soluti
         on = {i: strip for i, extent in enumerate(layout.extents) if (strip := strip_of(extent))}
         strips = {i: strip.moved(fused.scale.factor) for i, strip in on.items()}
         found = Found(layout.instances, solution.edges, fused.estimate, strips)
-        layout, quality = _laid_out(fused.scene, found, solution.config, stage)
+        layout, quality = laid_out(fused.scene, found, solution.config, stage)
         in_metres = tuple(tuple(one.scaled(fused.scale.factor) for one in of_one) for of_one in solution.bends)
         solution = replace(
             solution,
@@ -296,61 +291,6 @@ def with_measurements(solution: Solution, stage: Stages | None = None) -> Soluti
         if solution.new_cameras:
             stage.observer.cameras(fused.scene)
     return replace(solution, scene=replace(solution.scene, warnings=(*solution.scene.warnings, *warnings)))
-
-
-@dataclass(frozen=True)
-class Found:
-    """What stages 5 to 7 start from, in the given world."""
-
-    instances: tuple[Instance, ...]
-    edges: tuple[ContactEdge, ...]
-    estimate: Estimate
-    strips: Mapping[int, StripFrame]
-    """Of the walls that are curved."""
-
-
-def _laid_out(
-    scene: Scene,
-    found: Found,
-    config: Config,
-    stage: Stages,
-    known: Mapping[int, Extent] | None = None,
-    drawn_before: Mapping[int, Extent] | None = None,
-    shrink: float = 1.0,
-) -> tuple[Layout, Quality]:
-    instances = found.instances
-    planes = with_sigma_depth(scene, instances, found.estimate.planes, found.strips)
-    with stage("extents"):
-        extents = compute_extents(
-            scene,
-            instances,
-            planes,
-            found.edges,
-            config.extent,
-            found.estimate.contact_offsets,
-            known,
-            drawn_before,
-            found.strips,
-            stage.observer.progress,
-        )
-    with stage("mesh"):
-        mesh = build_mesh(instances, extents)
-    with stage("quality"):
-        quality = assess(shrunk(scene, shrink), instances, planes, extents, config.quality, stage.observer.progress)
-        room = SolvedRoom(scene, instances, planes, extents)
-        measured = take_dimensions(room, found.estimate.covariance, config.loa)
-    layout = Layout(
-        instances,
-        planes,
-        extents,
-        mesh,
-        scene.metric,
-        measured.dimensions,
-        accuracies=measured.accuracies,
-        quantities=measured.quantities,
-        next_measurement=measured.next_measurement,
-    )
-    return layout, quality
 
 
 def regrouped(prepared: Prepared, config: Config, stage: Stages) -> tuple[Prepared, Estimate]:

@@ -20,7 +20,7 @@ from gtlayout.evaluation.instance_scores import PlaneError
 from gtlayout.export import export_layout
 from gtlayout.export.facts import facts, scene_facts
 from gtlayout.figures import figure, is_known, percent, short, sigma_figure, with_sigma
-from gtlayout.instances import Dimension, Plane
+from gtlayout.instances import Dimension, Instance, Mesh, Plane, Quantity
 from gtlayout.layout import Layout
 from gtlayout.mesh import build_mesh
 from gtlayout.quality.assess import Quality, assess
@@ -33,12 +33,22 @@ from gtlayout.results.tables import (
     instance_table,
     markdown,
     measures,
+    quantity_of,
     reasons,
 )
 from gtlayout.scene import Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 
 NOT_SAID = re.compile(r"\b(nan|inf|infinity)\b", re.IGNORECASE)
+
+
+def test_what_an_area_is_of() -> None:
+    labels = ("floor", "floor", "floor", "wall", "wall", "wall", "wall")
+    instances = tuple(Instance(f"{label}_{i}", label, ()) for i, label in enumerate(labels))
+    layout = Layout(instances, (), (), Mesh.empty(), True)
+    said = [quantity_of(layout, Quantity("floor area", of, 1.0, 0.1, True)) for of in ((0,), (0, 1), (0, 1, 2))]
+    assert said == ["floor_0", "floor_0 – floor_1", "of all floors"]
+    assert quantity_of(layout, Quantity("net wall area", (3, 4, 6), 1.0, 0.1, False)) == "of 3 of 4 walls"
 
 
 @pytest.mark.parametrize(

@@ -95,6 +95,15 @@ def test_areas_and_volume_of_the_box_room() -> None:
     assert total.amount == pytest.approx(2 * (width + depth) * height)
 
 
+def test_a_wall_out_of_all_proportion_has_no_area() -> None:
+    found = {(one.kind, one.instances): one for one, _ in quantities(room_of(rooms.BOX), [], astray=[3])}
+    assert [key for key in found if key[0] == "net wall area"] == [
+        ("net wall area", of) for of in ((2,), (4,), (5,), (2, 4, 5))
+    ]
+    assert not found["net wall area", (2, 4, 5)].closed
+    assert found["net wall area", (4,)].closed
+
+
 def test_openings_are_taken_out_of_their_wall() -> None:
     room = room_of((*rooms.BOX, DOOR))
     found = {one.instances: one for one, _ in quantities(room, []) if one.kind == "net wall area"}

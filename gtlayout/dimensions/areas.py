@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,23 +23,28 @@ _STRAIGHT_SHARE = 1e-3
 """Corners that lie off the line between their neighbours by less than this share of the room's size are none."""
 
 
-def quantities(room: SolvedRoom, heights: list[Taken]) -> list[tuple[Quantity, Measurable]]:
+def quantities(
+    room: SolvedRoom, heights: Sequence[Taken], astray: Collection[int] = ()
+) -> list[tuple[Quantity, Measurable]]:
     """The area of every floor, the net area of every wall without its doors and windows, both also in all, and the
     volume between each floor and its ceiling. What was seen of them: see ``Quantity.closed``.
 
-    ``heights`` are the dimensions of that kind.
+    Args:
+        heights: The dimensions of that kind.
+        astray: Instances whose extents are out of all proportion: they have no area, and none of all is closed.
     """
     found: list[tuple[Quantity, Measurable]] = []
     kinds: tuple[tuple[QuantityKind, Label], ...] = (("floor area", "floor"), ("net wall area", "wall"))
     for kind, label in kinds:
-        each = [i for i in room.seen if room.instances[i].label == label]
+        every = [i for i in room.seen if room.instances[i].label == label]
+        each = [i for i in every if i not in astray]
         own = [(Quantity(kind, (i,), 0.0, np.nan, closed), area) for i in each for area, closed in (_net(room, i),)]
         found += own
         if len(own) > 1:
             total = own[0][1]
             for _, area in own[1:]:
                 total = total.plus(area)
-            closed = all(one.closed for one, _ in own)
+            closed = each == every and all(one.closed for one, _ in own)
             found.append((Quantity(kind, tuple(each), 0.0, np.nan, closed), total))
     areas = {one.instances: (one, area) for one, area in found if one.kind == "floor area"}
     for dimension, height in heights:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +41,9 @@ def all_dimensions(room: SolvedRoom) -> list[Taken]:
     return [*distances(room.instances, room.planes, room.extents), *opening_dimensions(room)]
 
 
-def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -> Dimensions:
+def take_dimensions(
+    room: SolvedRoom, covariance: FloatArray, wanted_loa: int, astray: Collection[int] = ()
+) -> Dimensions:
     """Every length, area and volume of a room, and how accurate they and the surfaces are.
 
     Levels of accuracy need metres: where the unit of a scene is not known, the evidence for them is insufficient. A
@@ -49,6 +52,7 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
     Args:
         covariance: (4S, 4S) joint covariance of all planes in the world, about their anchor.
         wanted_loa: The level that everything is held against.
+        astray: Instances whose extents are out of all proportion, and that have no area.
     """
     metric = room.scene.metric
     taken = all_dimensions(room)
@@ -61,7 +65,7 @@ def take_dimensions(room: SolvedRoom, covariance: FloatArray, wanted_loa: int) -
         dimensions.append(replace(dimension, sigma=sigma, accuracy=accuracy))
     amounts = [
         replace(one, sigma=measured.sigma(covariance))
-        for one, measured in quantities(room, [each for each in taken if each[0].kind == "height"])
+        for one, measured in quantities(room, [each for each in taken if each[0].kind == "height"], astray)
     ]
     surfaces = [
         surface_accuracy(plane, extent, wanted_loa) if metric else accuracy_of(np.nan, wanted_loa)

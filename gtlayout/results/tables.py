@@ -110,9 +110,13 @@ def shown_quantities(layout: Layout) -> list[Quantity]:
 
 
 def quantity_of(layout: Layout, amount: Quantity) -> str:
-    """What an area or a volume is of: ``floor_0``, or ``of all walls``."""
+    """What an area or a volume is of: ``floor_0``, or ``of all walls``, or of how many."""
     names = [layout.instances[i].name for i in amount.instances]
-    return " – ".join(names) if len(names) < 3 else "of all walls"
+    if len(names) < 3:
+        return " – ".join(names)
+    label = layout.instances[amount.instances[0]].label
+    there = sum(instance.label == label for instance in layout.instances)
+    return f"of all {label}s" if len(names) == there else f"of {len(names)} of {there} {label}s"
 
 
 def measurement_lines(layout: Layout) -> list[str]:
