@@ -36,14 +36,14 @@ from gtlayout.results.tables import (
     quantity_of,
     reasons,
 )
-from gtlayout.scene import Scene
+from gtlayout.scene import Label, Scene
 from gtlayout.tracking.bundle_adjustment import CameraReport
 
 NOT_SAID = re.compile(r"\b(nan|inf|infinity)\b", re.IGNORECASE)
 
 
 def test_what_an_area_is_of() -> None:
-    labels = ("floor", "floor", "floor", "wall", "wall", "wall", "wall")
+    labels: list[Label] = ["floor"] * 3 + ["wall"] * 4
     instances = tuple(Instance(f"{label}_{i}", label, ()) for i, label in enumerate(labels))
     layout = Layout(instances, (), (), Mesh.empty(), True)
     said = [quantity_of(layout, Quantity("floor area", of, 1.0, 0.1, True)) for of in ((0,), (0, 1), (0, 1, 2))]
