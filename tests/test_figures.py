@@ -43,7 +43,7 @@ NOT_SAID = re.compile(r"\b(nan|inf|infinity)\b", re.IGNORECASE)
 
 
 def test_what_an_area_is_of() -> None:
-    labels: list[Label] = ["floor"] * 3 + ["wall"] * 4
+    labels: list[Label] = ["floor", "floor", "floor", "wall", "wall", "wall", "wall"]
     instances = tuple(Instance(f"{label}_{i}", label, ()) for i, label in enumerate(labels))
     layout = Layout(instances, (), (), Mesh.empty(), True)
     said = [quantity_of(layout, Quantity("floor area", of, 1.0, 0.1, True)) for of in ((0,), (0, 1), (0, 1, 2))]

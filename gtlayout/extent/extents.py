@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from shapely import MultiPolygon
+from shapely.geometry.base import BaseGeometry
 
 from gtlayout.edges import ContactEdge
 from gtlayout.extent.config import ExtentConfig
@@ -22,6 +23,8 @@ from gtlayout.instances import ContactOffsets, Extent, Instance, Plane, PlaneFra
 from gtlayout.scene import Camera, Scene
 
 LEVELS = frozenset({"floor", "ceiling"})
+Touching = Mapping[tuple[int, int], BaseGeometry]
+"""(instance, neighbour) → where they touch, on the instance's surface."""
 
 
 def compute_extents(
@@ -55,53 +58,92 @@ def compute_extents(
     depth = median_depth(scene, instances, planes)
     max_depth, grid = config.max_depth_ratio * depth, grid_for(depth)
     frames = [strips.get(i) or plane_frame(plane, scene) for i, plane in enumerate(planes)]
+    room = _Room(scene, instances, planes, frames, strips, max_depth, grid, config)
     sought = [i for i in range(len(instances)) if i not in known]
-    unrefined = dict(drawn_before)
     cut = [i for i in sought if i not in drawn_before]
     steps = len(cut) + len(sought)
+    unrefined, found = dict(drawn_before), dict(known)
     progress(0, steps)
     for done, i in enumerate(cut, start=1):
-        region = MultiPolygon()
-        if i in strips:
-            on_strip = faces_on(scene, instances, i, planes, strips[i], max_depth, grid, config)
-            region = tidy(on_strip.agreed(), grid, config)
-            unrefined[i] = Extent(strips[i], region, region)
-            progress(done, steps)
-            continue
-        if planes[i].observable:
-            faces = faces_of(scene, instances, i, planes, frames[i], max_depth, grid, config)
-            region = tidy(faces.agreed(), grid, config)
-        cameras = [scene.frame_of(k).camera for k, _ in instances[i].members]
-        known_of_it = ended(region, planes[i], frames[i], cameras, grid, config)
-        unrefined[i] = Extent(frames[i], known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
+        unrefined[i] = room.cut_out(i)
         progress(done, steps)
     touching = unproject_edges(scene, instances, planes, frames, edges, max_depth, config, sought)
     flat_offsets = {pair: by for pair, by in (contact_offsets or {}).items() if not strips.keys() & set(pair)}
     shifts = shifts_on_planes(scene, planes, frames, edges, flat_offsets)
-    found = dict(known)
     # Floors and ceilings end where the curved walls do, which are looked for before them.
     for done, i in enumerate(sorted(sought, key=lambda i: i not in strips), start=len(cut) + 1):
-        of_it = {j: contact for (k, j), contact in touching.items() if k == i}
-        levels = [j for j in of_it if j in strips and instances[i].label in LEVELS]
-        neighbours = []
-        for j, contact in of_it.items():
-            if j in levels or (i in strips and (j in strips or instances[j].label == "slanted")):
-                continue
-            plane = planes[j]
-            if j in strips:
-                if (j, i) not in touching:
-                    continue
-                plane = tangent_plane(strips[j], planes[i], touching[j, i])
-            neighbours.append(Neighbour(plane, contact, shifts.get((i, j), 0.0)))
+        neighbours = room.neighbours(i, touching, shifts)
         region = tidy(refine(unrefined[i].unrefined, frames[i], neighbours, grid, config), grid, config)
-        for j in levels:
-            low, _, high, _ = found[j].region.bounds or (0.0,) * 4
-            if low < high:
-                arguments = frames[i], planes[i], strips[j], (low, high), of_it[j], grid, config
-                region = tidy(up_to_arc(region, *arguments), grid, config)
+        region = room.up_to_arcs(region, i, touching, found)
         found[i] = replace(unrefined[i], region=bordered(region, strips[i]) if i in strips else region)
         progress(done, steps)
     return tuple(found[i] for i in range(len(instances)))
+
+
+@dataclass(frozen=True)
+class _Room:
+    """What all surfaces of a room are cut out with."""
+
+    scene: Scene
+    instances: Sequence[Instance]
+    planes: Sequence[Plane]
+    frames: Sequence[PlaneFrame]
+    strips: Mapping[int, StripFrame]
+    max_depth: float
+    grid: float
+    config: ExtentConfig
+
+    def cut_out(self, i: int) -> Extent:
+        """An extent by the vote of its drawings alone."""
+        if i in self.strips:
+            strip = self.strips[i]
+            on_strip = faces_on(
+                self.scene, self.instances, i, self.planes, strip, self.max_depth, self.grid, self.config
+            )
+            region = tidy(on_strip.agreed(), self.grid, self.config)
+            return Extent(strip, region, region)
+        plane, frame, region = self.planes[i], self.frames[i], MultiPolygon()
+        if plane.observable:
+            faces = faces_of(self.scene, self.instances, i, self.planes, frame, self.max_depth, self.grid, self.config)
+            region = tidy(faces.agreed(), self.grid, self.config)
+        cameras = [self.scene.frame_of(k).camera for k, _ in self.instances[i].members]
+        known_of_it = ended(region, plane, frame, cameras, self.grid, self.config)
+        return Extent(frame, known_of_it, known_of_it, max(region.area - known_of_it.area, 0.0))
+
+    def neighbours(self, i: int, touching: Touching, shifts: Mapping[tuple[int, int], float]) -> list[Neighbour]:
+        """The planes at which an extent may end; of a curved wall that which touches it where they meet."""
+        found = []
+        for (k, j), contact in touching.items():
+            plane = self.planes[j]
+            if k != i or self._by_arc(i, j) or (i in self.strips and self.instances[j].label == "slanted"):
+                continue
+            if j in self.strips:
+                if i in self.strips or (j, i) not in touching:
+                    continue
+                plane = tangent_plane(self.strips[j], self.planes[i], touching[j, i])
+            found.append(Neighbour(plane, contact, shifts.get((i, j), 0.0)))
+        return found
+
+    def up_to_arcs(self, region: MultiPolygon, i: int, touching: Touching, found: Mapping[int, Extent]) -> MultiPolygon:
+        """The region of a floor or ceiling up to the curved walls that stand on it, whose extents are ``found``."""
+        for (k, j), contact in touching.items():
+            if k == i and self._by_arc(i, j) and not found[j].region.is_empty:
+                low, _, high, _ = found[j].region.bounds
+                on_plane = up_to_arc(
+                    region,
+                    self.frames[i],
+                    self.planes[i],
+                    self.strips[j],
+                    (low, high),
+                    contact,
+                    self.grid,
+                    self.config,
+                )
+                region = tidy(on_plane, self.grid, self.config)
+        return region
+
+    def _by_arc(self, i: int, j: int) -> bool:
+        return j in self.strips and self.instances[i].label in LEVELS
 
 
 def extents_without(
