@@ -25,7 +25,7 @@ OPENER = build_opener(ProxyHandler({}))
 
 
 @pytest.fixture(scope="session")
-def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tiny_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A scene folder that is solved in a second; frames 0 and 8 are drawn. Copy it before changing it."""
     folder = tmp_path_factory.mktemp("serving") / "room"
     synthesize(folder, SynthConfig(frames=FRAMES, width=SIZE[0], height=SIZE[1]))
@@ -33,9 +33,9 @@ def small_room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def served_room(small_room: Path) -> SolvedRoom:
-    """Of the small room."""
-    made = solve_folder(small_room)
+def served_room(tiny_room: Path) -> SolvedRoom:
+    """Of the tiny room."""
+    made = solve_folder(tiny_room)
     assert made is not None
     return made
 

@@ -77,9 +77,9 @@ def test_the_union_of_what_is_drawn(drawn: list[list[tuple[float, float]]]) -> N
     found = region(outlines, view, "a", Repairs())
     assert_good(found, (0, 0, 320, 240))
     assert region(outlines, view, "a", Repairs()).wkb == found.wkb
-    # No outline takes anything from the others.
+    # No outline takes anything from the others but needles, of which pieces below a pixel may be left.
     for outline in outlines:
-        assert region([outline], view, "a", Repairs()).difference(found.buffer(1e-6)).area < 1.0
+        assert region([outline], view, "a", Repairs()).difference(found).buffer(-0.25).is_empty
 
 
 @few(40)

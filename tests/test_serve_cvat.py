@@ -59,9 +59,9 @@ class Annotated:
 
 
 @pytest.fixture(scope="module")
-def annotated(small_room: Path, tmp_path_factory: pytest.TempPathFactory) -> Annotated:
-    task = task_over(small_room)
-    done = auto_annotate(task, small_room, tmp_path_factory.mktemp("cache"))
+def annotated(tiny_room: Path, tmp_path_factory: pytest.TempPathFactory) -> Annotated:
+    task = task_over(tiny_room)
+    done = auto_annotate(task, tiny_room, tmp_path_factory.mktemp("cache"))
     assert done.returncode == 0, done.stderr
     assert task.unknown == []
     (uploaded,) = task.uploaded
@@ -162,14 +162,14 @@ def test_other_tags_say_nothing_of_that(tmp_path: Path) -> None:
 
 
 def test_the_next_frames_only_what_is_sure_enough_and_a_task_without_the_tag(
-    annotated: Annotated, small_room: Path, served_room: SolvedRoom, tmp_path: Path
+    annotated: Annotated, tiny_room: Path, served_room: SolvedRoom, tmp_path: Path
 ) -> None:
     scores = sorted(shape["score"] for shapes in annotated.shapes.values() for shape in shapes)
     limit = scores[len(scores) // 2]
-    task = task_over(small_room)
+    task = task_over(tiny_room)
     task.labels = [label for label in task.labels if label["name"] != PROPOSED]
     options = ("--conf-threshold", str(limit), "--allow-unmatched-labels", "-p", "next=int:3")
-    done = auto_annotate(task, small_room, tmp_path, *options)
+    done = auto_annotate(task, tiny_room, tmp_path, *options)
     assert done.returncode == 0, done.stderr
     names = [task.images[frame][0] for frame in next_frames(served_room.scene, 3)]
     assert f"proposing only {', '.join(names)}" in done.stderr.splitlines()
@@ -180,12 +180,12 @@ def test_the_next_frames_only_what_is_sure_enough_and_a_task_without_the_tag(
     assert uploaded["tags"] == []
 
 
-def test_a_scene_without_drawings_says_what_to_do(small_room: Path, tmp_path: Path) -> None:
+def test_a_scene_without_drawings_says_what_to_do(tiny_room: Path, tmp_path: Path) -> None:
     bare = tmp_path / "room"
     bare.mkdir()
-    (bare / "images").symlink_to(small_room / "images")
-    (bare / "transforms.json").symlink_to(small_room / "transforms.json")
-    task = task_over(small_room)
+    (bare / "images").symlink_to(tiny_room / "images")
+    (bare / "transforms.json").symlink_to(tiny_room / "transforms.json")
+    task = task_over(tiny_room)
     done = auto_annotate(task, bare, tmp_path)
     assert done.returncode != 0
     assert "nothing is drawn in it yet, so nothing can be proposed: draw the first two frames" in done.stderr

@@ -164,9 +164,9 @@ def test_a_port_that_is_taken_and_a_scene_that_is_none(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def served(small_room: Path, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str, Path]]:
+def served(tiny_room: Path, tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str, Path]]:
     """``gtlayout serve`` on a copy of the small room: process, address and folder."""
-    folder = copytree(small_room, tmp_path / "room")
+    folder = copytree(tiny_room, tmp_path / "room")
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "gtlayout", "serve", "--label-studio", str(folder), "--port", "0"]
     pipe = subprocess.PIPE

@@ -73,7 +73,12 @@ def homogeneous(points: FloatArray) -> FloatArray:
 
 
 def cut(region: BaseGeometry, coefficients: FloatArray) -> BaseGeometry:
-    """The part of a region with a x + b y + c >= 0. Most lie on one side as a whole, which costs no overlay."""
+    """The part of a region with a x + b y + c >= 0. Most lie on one side as a whole, which costs no overlay.
+
+    Empty where the coefficients are not finite: see ``half_plane``.
+    """
+    if not np.isfinite(coefficients).all():
+        return Polygon()
     value = homogeneous(shapely.get_coordinates(region)) @ coefficients
     if (value >= 0).all():
         return region

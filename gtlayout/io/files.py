@@ -144,10 +144,12 @@ def new_folder(out: Path) -> Iterator[Path]:
             yield filled
             filled.rename(out)  # also in place of an empty folder
     except OSError as error:
-        if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # somebody else was quicker
+        if filled != out and error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # somebody else was quicker
             raise taken from error
         raise GtlayoutError(f"cannot write {out}: {error.strerror or error}") from error
     except GtlayoutError as error:
+        if str(filled) not in str(error):
+            raise
         # The folder that was filled is gone, and nobody has heard of it.
         raise GtlayoutError(str(error).replace(str(filled), str(given))) from error
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gtlayout.errors import GtlayoutError
+from gtlayout.extras import MissingExtraError
 from gtlayout.io.annotations import labelme, native
 from gtlayout.io.annotations.annotation_files import left_out
 from gtlayout.io.annotations.coco import reader as coco
@@ -139,6 +140,8 @@ def _undrawn(root: Path, cameras: PosedImages) -> tuple[Scene, Sequence[str]]:
     """The scene that ``cameras`` make, without key frames, and the names of cameras without an image."""
     try:
         frames, without_image, frame_warnings = build_frames(root, cameras.images)
+    except MissingExtraError:
+        raise
     except GtlayoutError as error:
         raise GtlayoutError("; ".join([str(error), *cameras.warnings[:1]])) from error
     frames, origin_warnings = with_origins(root, frames)
