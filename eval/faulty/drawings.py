@@ -255,7 +255,7 @@ CASES = (
         "one annotated frame",
         drawings(lambda d: d.update(frames=d["frames"][:1])),
         0,
-        ("CHECK", "no instance is ok", "predicted doubtful"),
+        ("CHECK", "only 1 of 7 instances", "predicted doubtful"),
         SOLVE,
         "room",
     ),
