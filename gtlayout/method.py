@@ -255,7 +255,7 @@ def _with_flatness(prepared: Prepared, solution: Solution, config: Config, stage
             config.flatness,
         )
         found = tuple(tuple(one.scaled(1 / local.scale) for one in of_one) for of_one in found)
-    flatness = flatness_of(layout.instances, found, layout.metric)
+    flatness = flatness_of(layout.instances, found, layout.metric, layout.curved)
     return replace(solution, bends=found, layout=replace(layout, flatness=flatness))
 
 
@@ -280,7 +280,7 @@ def with_measurements(solution: Solution, stage: Stages | None = None) -> Soluti
             bends=in_metres,
             layout=replace(
                 layout,
-                flatness=flatness_of(layout.instances, in_metres, layout.metric) if in_metres else (),
+                flatness=flatness_of(layout.instances, in_metres, layout.metric, layout.curved) if in_metres else (),
                 dimensions=as_measured(layout.instances, layout.dimensions, fused.checked, solution.config.loa),
                 scale=fused.scale,
                 measurements=fused.checked,

@@ -88,6 +88,12 @@ def test_the_bay_is_found_with_its_radius(folder: Path, solved: Solved) -> None:
     assert members == len(solution.instances[index].members)
 
 
+def test_nobody_asks_whether_a_curved_wall_is_flat(solved: Solved) -> None:
+    instances, flatness = solved.solution.instances, solved.solution.layout.flatness
+    asked = {i for i, one in enumerate(flatness) if one is not None}
+    assert asked == {i for i, one in enumerate(instances) if one.host is None} - {wall_of(solved.solution)}
+
+
 def test_what_meets_a_curved_wall_says_nothing_of_planes(solved: Solved) -> None:
     prepared, index = solved.prepared, wall_of(solved.solution)
     assert [wall.instance for wall in prepared.curved] == [index]

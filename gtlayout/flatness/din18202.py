@@ -7,7 +7,7 @@ are interpolated and rounded to millimetres.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -38,18 +38,17 @@ def limit_m(line: int, distance_m: float) -> float:
 
 
 def flatness_of(
-    instances: Sequence[Instance], bends: Sequence[Sequence[Bend]], metric: bool
+    instances: Sequence[Instance], bends: Sequence[Sequence[Bend]], metric: bool, curved: Collection[int] = ()
 ) -> tuple[Flatness | None, ...]:
-    """Of each instance how flat it is; None for doors and windows, of which nothing is asked.
+    """Of each instance how flat it is; None for doors, windows and ``curved`` walls, of which nothing is asked.
 
     Each is given in the direction in which it is most certainly off, as a share of what is permitted. It is *out* when
     it is off by more than is permitted and 3 σ in any direction; *within* when it is not, by 1.96 σ, in any; else the
     evidence is insufficient, as it is in a scene without a unit.
     """
-    pairs = zip(instances, bends, strict=True)
     return tuple(
-        None if one.host is not None else _flatness(of_one, _LINES.get(one.label, _OTHER_LINE), metric)
-        for one, of_one in pairs
+        None if one.host is not None or i in curved else _flatness(of_one, _LINES.get(one.label, _OTHER_LINE), metric)
+        for i, (one, of_one) in enumerate(zip(instances, bends, strict=True))
     )
 
 
