@@ -64,6 +64,7 @@ def test_label_studio_accepts_its_config(tmp_path: Path) -> None:
         "brush": ["BrushLabels", OURS[:-1]],
         "vector": ["VectorLabels", OURS[-1:]],
         "id": ["TextArea", []],
+        "curved": ["Choices", ["curved"]],
         "element": ["TextArea", []],
     }
 

@@ -60,8 +60,12 @@ class LayoutFunction:
         self._room, self._only = room, only
         labels = json.loads(label_config("cvat"))
         self._label_ids = {label["name"]: i for i, label in enumerate(labels)}
+        # Of the attributes those that are proposed: whether a wall is curved a person ticks.
         self._attribute_ids = {
-            label["name"]: {each["name"]: i for i, each in enumerate(label["attributes"])} for label in labels
+            label["name"]: {
+                each["name"]: i for i, each in enumerate(label["attributes"]) if each["input_type"] == "text"
+            }
+            for label in labels
         }
         self.spec = cvataa.DetectionFunctionSpec(labels=[self._label_spec(label["name"]) for label in labels])
 
