@@ -47,6 +47,9 @@ class CurvedConfig:
     min_bent_feet: float = 0.7
     """… and this share of its feet is likelier on the arc, each alone: a line drawn where two surfaces only seem to
     touch lies anywhere, and would bend a wall by itself."""
+    straight_foot: float = 0.3
+    """A foot that is nowhere off a line of its own by more than this (RMS, in its σ) is straight, and on no arc. Drawn
+    lines have .15, feet of round walls in small images .44 and more."""
     min_arc_deg: float = 25.0
     """A cylinder of which less is seen is no better known than a plane."""
     sigma_lean: float = 0.01

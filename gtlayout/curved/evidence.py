@@ -35,6 +35,8 @@ class Foot:
     by_px: FloatArray
     """(n, 2, 3) how far these move for each pixel in the image."""
     sigma_px: float
+    bend_px: float
+    """How far the drawn points are from a line of their own, RMS."""
 
 
 @dataclass(frozen=True)
@@ -137,4 +139,5 @@ def _foot(drawn: FloatArray, level: int, plane: Plane, camera: Camera, config: C
         unproject(drawn, plane, camera),
         np.stack(moved, axis=1),
         config.sigma_edge_px * camera.annotation_scale,
+        float(np.linalg.svd(drawn - drawn.mean(axis=0), compute_uv=False)[1] / np.sqrt(len(drawn))),
     )

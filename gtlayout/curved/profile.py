@@ -31,7 +31,7 @@ class Profile:
     gain_tracks: float
     gain_edges: float
     bent_feet: float
-    """Share of the feet that are likelier on the arc; 0 without feet."""
+    """Share of the feet that are likelier on the arc, and no line in their own image; 0 without feet."""
     price: float
     """Of the third variable: half the logarithm of the number of measurements (BIC)."""
 
@@ -67,7 +67,10 @@ def profile_of(
     on_arc, foot_arc = level.costs(_arc, arc)
     measurements = level.weight.sum() + config.edge_weight * len(evidence.feet)
     price = 0.5 * float(np.log(max(measurements, 1.0)))
-    bent = float(np.mean(level.foot_costs(_arc, arc) < level.foot_costs(_line, line))) if evidence.feet else 0.0
+    # Straight feet beside each other, where a plane or the floor is wrong, are likelier on an arc, too.
+    own = np.array([foot.bend_px > config.straight_foot * foot.sigma_px for foot in evidence.feet], dtype=bool)
+    likelier = level.foot_costs(_arc, arc) < level.foot_costs(_line, line) if evidence.feet else own
+    bent = float(np.mean(likelier & own)) if evidence.feet else 0.0
     return Profile(arc[:2], float(np.exp(arc[2])), on_line - on_arc, foot_line - foot_arc, bent, price)
 
 
