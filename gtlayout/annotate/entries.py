@@ -39,7 +39,7 @@ def checked(entry: object, image: str) -> Entry:
         seen.add(name)
         where = f"frame {image}, element {name}"
         points += _lines(element, "polygons", where, least=3) + _lines(element, "visible", where, least=3)
-        if not element["polygons"]:
+        if not element.get("polygons"):
             raise GtlayoutError(f"{where} has no polygon")
     points += _lines(entry, "occlusion_edges", f"frame {image}", least=2)
     points += _lines(entry, "blank", f"frame {image}", least=3)

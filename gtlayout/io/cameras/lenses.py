@@ -63,10 +63,11 @@ def lens(
 def check_lens(camera: Lens, where: str) -> None:
     """Raises GtlayoutError, beginning with ``where``, for a camera that cannot be one."""
     width, height = camera.width, camera.height
-    sizes = min(width, height) >= 2 and max(width, height) <= MAX_SIDE_PX
-    shares = camera.focal_px / max(width, height, 1)
+    if not 2 <= min(width, height) <= max(width, height) <= MAX_SIDE_PX:
+        raise GtlayoutError(f"{where} has no valid size and focal length")
+    shares = camera.focal_px / max(width, height)
     focals = np.all((shares >= FOCAL_SHARES[0]) & (shares <= FOCAL_SHARES[1]))
-    if not sizes or not focals or not np.all(np.abs(camera.params) <= MAX_PARAMETER):
+    if not focals or not np.all(np.abs(camera.params) <= MAX_PARAMETER):
         raise GtlayoutError(f"{where} has no valid size and focal length")
     if len(camera.principal_px) and not np.all(np.abs(_centre_shares(camera) - 1) <= 1):
         raise GtlayoutError(f"{where}: {_of_another_size(camera, _other_size(camera))}; {_MEND}")
