@@ -19,7 +19,7 @@ from fuzz_harnesses import HARNESSES
 SECONDS = 60
 AT_ONCE = 2
 LIMITS = ("-timeout=20", "-rss_limit_mb=3000", "-max_len=16384", "-seed=1")
-"""Seconds and MB that one input may take, and its bytes. The same seed tries the same inputs, as long as there is time."""
+"""Seconds and MB that one input may take, and its bytes. One seed: the same inputs in the same order."""
 GRACE_S = 120.0
 ENDINGS = {70: "took too long", 71: "took too much memory"}
 """By libFuzzer's exit status; 77 is an exception."""
