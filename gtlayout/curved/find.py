@@ -19,8 +19,7 @@ from gtlayout.scene import FloatArray, IntArray, Scene
 from gtlayout.tracking.tracks import Tracks
 from gtlayout.tracking.triangulation import TriangulatedTracks
 
-LENGTHS_IN_DEPTH = 2.5
-"""The unit of length is the median depth divided by this, as in stage 4."""
+_LENGTHS_IN_DEPTH = 2.5
 _INLIER = 3.0
 """Points further off, in multiples of the relief or a hundredth of their depth, say nothing of how far a wall goes."""
 _ENDS = 0.01
@@ -50,7 +49,7 @@ def curved_walls(
     ceiling says what is upright.
     """
     up = _upright(instances, planes)
-    unit = median_depth(scene, instances, planes) / LENGTHS_IN_DEPTH
+    unit = unit_of_length(scene, instances, planes)
     if up is None or not np.isfinite(unit):
         return ()
     track_instance = prefer_visible(scene, tracks, track_instance)
@@ -72,6 +71,11 @@ def curved_walls(
         if np.rad2deg(wall.arc_rad[1] - wall.arc_rad[0]) >= config.min_arc_deg:
             found.append(wall)
     return tuple(found)
+
+
+def unit_of_length(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
+    """The unit of ``CurvedConfig``, as in stage 4: a share of the median depth, about a metre in a room."""
+    return median_depth(scene, instances, planes) / _LENGTHS_IN_DEPTH
 
 
 def _upright(instances: Sequence[Instance], planes: Sequence[Plane]) -> FloatArray | None:

@@ -6,10 +6,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from gtlayout.curved.config import CurvedConfig
-from gtlayout.curved.find import LENGTHS_IN_DEPTH, curved_walls
+from gtlayout.curved.find import curved_walls, unit_of_length
 from gtlayout.cylinder import CurvedWall
 from gtlayout.edges import EdgeConfig
-from gtlayout.geometry.depth import median_depth
 from gtlayout.geometry.similarity import Similarity
 from gtlayout.geometry.strip import StripFrame
 from gtlayout.instances import Instance, Plane
@@ -26,7 +25,9 @@ def find_curved(
     config: CurvedConfig,
     only: Collection[int] | None = None,
 ) -> tuple[CurvedWall, ...]:
-    """The walls that are curved, in the canonical world, where ``planes`` are; ``only`` of some instances."""
+    """The walls that are curved, in the canonical world, where ``planes`` are; of some instances where ``only`` names
+    them.
+    """
     return curved_walls(
         prepared.scene,
         prepared.instances,
@@ -46,7 +47,7 @@ def strips_of(prepared: Prepared, planes: Sequence[Plane], config: CurvedConfig)
     if not prepared.curved:
         return {}
     local = prepared.form.similarity
-    metre = local.scale if prepared.form.given.metric else _length(prepared.scene, prepared.instances, planes)
+    metre = local.scale if prepared.form.given.metric else unit_of_length(prepared.scene, prepared.instances, planes)
     tolerance = config.facet_tolerance_mm * _MM * metre / local.scale
     return {wall.instance: StripFrame.on(_in_given_world(wall, local), tolerance) for wall in prepared.curved}
 
@@ -58,10 +59,6 @@ def drawn_curved(scene: Scene, instances: Sequence[Instance]) -> set[int]:
         for i, instance in enumerate(instances)
         if any(scene.key_frames[k].elements[e].curved for k, e in instance.members)
     }
-
-
-def _length(scene: Scene, instances: Sequence[Instance], planes: Sequence[Plane]) -> float:
-    return median_depth(scene, instances, planes) / LENGTHS_IN_DEPTH
 
 
 def _in_given_world(wall: CurvedWall, local: Similarity) -> CurvedWall:
